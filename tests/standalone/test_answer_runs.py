@@ -12,9 +12,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 from physics_rig import CHANNEL_VALUES, PORT_VALUES, chain_rig
 
-from vlab.cases.initial_state import InitialState
-from vlab.cases.simulate import simulate
-from vlab.physics.attach import Attached, attach
+from vlab.physics.attach import Attached
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.native import SPRINGS
 from vlab.standalone.answer import StandaloneAnswer, write_answer
@@ -88,7 +86,8 @@ def plain(jobs, tmp_path_factory):
     inputs = {one.name: np.column_stack([one.rig.run.measured[n] for n in ("push", "pull")]) for one in jobs.values()}
     np.savez(folder / "inputs.npz", **inputs)
     listed = [
-        {"name": n, "folder": str(one.folder), "inputs": n, "steps": STEPS, "sensors": SENSORS} for n, one in jobs.items()
+        {"name": n, "folder": str(one.folder), "inputs": n, "steps": STEPS, "sensors": SENSORS}
+        for n, one in jobs.items()
     ]
     (folder / "jobs.json").write_text(json.dumps({"inputs": str(folder / "inputs.npz"), "jobs": listed}))
     runner = Path(__file__).with_name("plain_mujoco.py")
@@ -96,14 +95,8 @@ def plain(jobs, tmp_path_factory):
     return np.load(folder / "out.npz")
 
 
-def in_vlab(rig, effects):
-    plant = attach(rig.case.plant, [Attached(EFFECTS[n], at, v) for n, at, v in effects], channels=SENSORS)
-    rest = InitialState(qpos=plant.rest, qvel=np.zeros(plant.model.nv), how="rest")
-    return simulate(plant, rig.run, initial=rest).recording.select(list(SENSORS)).data
-
-
 def share(rig, effects, here):
-    there, before = in_vlab(rig, effects), in_vlab(rig, [])
+    there, before = rig.in_mujoco(effects), rig.in_mujoco([])
     return float(np.sqrt(np.mean((here - there) ** 2) / np.mean((there - before) ** 2)))
 
 
@@ -123,7 +116,10 @@ def test_effects_on_each_other_run_in_plain_mujoco_as_in_vlab(jobs, plain):
     one = jobs["several"]
     assert share(one.rig, one.effects, plain["several"]) < ROUNDING
     # the order of the list holds: what MuJoCo does last is an element, what must come before is in the law
-    assert set(one.answer.native) == {"actuator-clipping@actuator:push", "actuator-gain@actuator:push"}
+    assert [n for n in one.answer.native if "actuator" in n] == [
+        "actuator-clipping@actuator:push",
+        "actuator-gain@actuator:push",
+    ]
     assert one.answer.uses == ("install", "command", "read")
 
 

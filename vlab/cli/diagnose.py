@@ -1,6 +1,8 @@
 """``vlab diagnose``."""
 
 import argparse
+import json
+from pathlib import Path
 from typing import Any
 
 from vlab.cases import load_case
@@ -15,6 +17,7 @@ from vlab.errors import BadExperiment
 from vlab.files.output_folder import output_folder, write_manifest
 from vlab.files.text import in_line
 from vlab.physics.catalogue import EFFECTS, effect_named
+from vlab.standalone.answer import FOLDER, PATCH
 
 OF_THE_FIT_ALONE = (
     "The effect that explains the fit recordings has no effect on the held-out recordings: nothing is verified."
@@ -45,7 +48,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help="add no effects after this time and validate the best hypothesis so far (default: no limit)",
     )
-    add_out(parser, "diagnosis.json, report.html, run.rrd and the extended model to this folder (default: print only)")
+    parser.add_argument(
+        "--patch",
+        action="store_true",
+        help="print the changes of the MJCF model as a unified diff; needs --out (default: write them to the folder only)",
+    )
+    add_out(
+        parser,
+        "diagnosis.json, report.html, run.rrd the extended model and, for an MJCF model, files for MuJoCo alone to this folder (default: print only)",
+    )
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
@@ -64,6 +75,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
     check_out(arguments, read=[arguments.case])
     if arguments.time_limit is not None and not arguments.time_limit > 0:
         raise BadExperiment(f"--time-limit is {arguments.time_limit:g}; give a positive number of seconds")
+    if arguments.patch and not arguments.out:
+        raise BadExperiment("--patch prints what is written to a folder; give --out DIR as well")
     case = load_case(arguments.case, allow_outside=arguments.allow_outside)
     own = [effect_named(name, code=[code_of(name)]) for name in arguments.effect]
     effects = [*EFFECTS.values(), *own]
@@ -84,8 +97,23 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
         write_diagnosis(done, folder)
         write_manifest(folder, verb="diagnose", case=str(arguments.case))
-    document = {**done.diagnosis.to_json(), "out": str(arguments.out)}
-    return Outcome(document=document, text=_text(done.diagnosis) + f"\n\nwritten to {arguments.out}")
+        plain = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8")).get("mujoco")
+        patch = (folder / FOLDER / PATCH).read_text(encoding="utf-8") if plain else ""
+    document = {**done.diagnosis.to_json(), "out": str(arguments.out), "mujoco": plain}
+    if arguments.patch:
+        document["patch"] = patch
+    text = [_text(done.diagnosis), "", f"written to {arguments.out}", *_for_mujoco(plain, arguments.out)]
+    return Outcome(document=document, text="\n".join([*text, "", patch] if arguments.patch else text))
+
+
+def _for_mujoco(plain: dict[str, Any] | None, out: Path) -> list[str]:
+    """Return the lines on the files for MuJoCo alone."""
+    if not plain:
+        return []
+    lines = [f"for MuJoCo alone, in {Path(out) / FOLDER}: {', '.join(plain['files'])}"]
+    lines += [f"  {label}: {element} of the model" for label, element in plain["in_model"].items()]
+    lines += [f"  {label}: law.py" for label in plain["in_law"]]
+    return lines + [f"  {label}: not written, {reason}" for label, reason in plain["not_written"].items()]
 
 
 def _text(diagnosis: Diagnosis) -> str:

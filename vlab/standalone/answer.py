@@ -15,7 +15,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from vlab.errors import OutputRefused
+from vlab.errors import BadStructure, OutputRefused
+from vlab.files.output_folder import finite
 from vlab.files.text import one_line
 from vlab.physics.attach import Attached
 from vlab.plants.mjcf import MjcfPlant
@@ -79,6 +80,7 @@ def write_answer(
     *,
     channels: Sequence[str] = (),
     sample: float = 0.0,
+    earlier: Sequence[Attached] = (),
     findings: Sequence[Mapping[str, Any]] = (),
 ) -> StandaloneAnswer:
     """Write a model with its effects for plain MuJoCo.
@@ -97,6 +99,8 @@ def write_answer(
         Channel names of the case, which sensor effects may name.
     sample : float
         Sample period of the readings [s]; 0 for the integration step.
+    earlier : sequence of Attached
+        Effects that the plant has already as running physics.
     findings : sequence of mapping
         Findings of a diagnosis, for ``numbers.json``.
 
@@ -109,11 +113,16 @@ def write_answer(
     ------
     OutputRefused
         A file cannot be written.
+    BadStructure
+        The copied model does not load from its new folder.
     """
     try:
-        return _Writer(source.resolve(), plant, effects, folder, channels, sample or plant.timestep).write(findings)
+        writer = _Writer(source.resolve(), plant, effects, folder, channels, sample or plant.timestep, earlier)
+        return writer.write(findings)
     except OSError as error:
-        raise OutputRefused(f"the answer for MuJoCo cannot be written into {folder}: {error.strerror or error}") from error
+        raise OutputRefused(
+            f"the answer for MuJoCo cannot be written into {folder}: {error.strerror or error}"
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -126,6 +135,7 @@ class _Writer:
     folder: Path
     channels: Sequence[str]
     sample: float
+    earlier: Sequence[Attached]
 
     def write(self, findings: Sequence[Mapping[str, Any]]) -> StandaloneAnswer:
         nominal = mujoco.MjModel.from_xml_path(str(self.source))
@@ -134,18 +144,19 @@ class _Writer:
             parts = native_parts(self.plant, self.effects, channels=self.channels, with_elements=level == "elements")
             wanted = parts.spec.compile()
             patch = self.patched(name, nominal, wanted, parts, is_edited=level != "law")
-            left, why = (None, "") if patch is None else self.compiled(name, wanted)
+            left, why = (None, "its text is unclear") if patch is None else self.compiled(name, wanted)
             if left is not None and patch is not None:
                 break
             problem = problem or why
-        assert patch is not None and left is not None
+        if patch is None or left is None:
+            raise BadStructure(f"{self.source.name}: no copy of the model for MuJoCo alone: {why}")
         law = law_module(
             parts.plant,
             model=name,
             title=f"Physics that the model {self.source.name} lacks.",
             sample=self.sample,
             numbers=left,
-            shown=parts.left,
+            shown=[*self.earlier, *parts.left],
         )
         return self.finish(name, parts, patch, law, left, findings, problem)
 
@@ -174,10 +185,7 @@ class _Writer:
             for path in text.texts:
                 self.target(name, path).write_bytes(text.written(path))
         except ValueError:
-            if is_edited:
-                return None
-            shutil.copyfile(self.source, self.folder / name)
-            raise
+            return None
         return patch
 
     def compiled(self, name: str, wanted: Any) -> tuple[list[tuple[str, tuple[int, ...], float]] | None, str]:
@@ -213,8 +221,10 @@ class _Writer:
     ) -> StandaloneAnswer:
         """Write patch, law module and numbers."""
         diff = "".join(self.diff(name, patch.text, path) for path in patch.text.changed)
-        refused = {e.label: law.refused[e.effect.name] for e in parts.left if e.effect.name in law.refused}
-        laws = {k: problem or v for k, v in parts.reasons.items() if k not in refused}
+        stated = [*self.earlier, *parts.left]
+        refused = {e.label: law.refused[e.effect.name] for e in stated if e.effect.name in law.refused}
+        reasons = dict.fromkeys((e.label for e in self.earlier), "the case states it") | parts.reasons
+        laws = {k: f"{v}; {problem}" if problem else v for k, v in reasons.items() if k not in refused}
         files = [name, PATCH, *([LAW] if law.text else []), VALUES]
         files += [str(p.relative_to(self.source.parent)) for p in patch.text.texts if p != self.source]
         (self.folder / PATCH).write_text(diff, encoding="utf-8")
@@ -228,11 +238,13 @@ class _Writer:
             "timestep_s": float(parts.spec.option.timestep),
             "sample_s": self.sample,
             "findings": list(findings),
-            "effects": [self.effect(e, parts, laws, refused) for e in self.effects],
+            "effects": [self.effect(e, parts, laws, refused) for e in (*self.earlier, *self.effects)],
             "changes": [vars(c) for c in patch.changes],
             "set_by_law": [{"field": f, "index": list(i), "value": v} for f, i, v in left],
         }
-        (self.folder / VALUES).write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+        (self.folder / VALUES).write_text(
+            json.dumps(finite(document), indent=2, allow_nan=False) + "\n", encoding="utf-8"
+        )
         return StandaloneAnswer(
             files=tuple(files),
             native=parts.native,
@@ -245,7 +257,9 @@ class _Writer:
 
     def diff(self, name: str, text: ModelText, path: Path) -> str:
         new = str(self.target(name, path).relative_to(self.folder))
-        before, after = (t.decode("utf-8", "replace").splitlines(keepends=True) for t in (text.texts[path], text.written(path)))
+        before, after = (
+            t.decode("utf-8", "replace").splitlines(keepends=True) for t in (text.texts[path], text.written(path))
+        )
         lines = difflib.unified_diff(before, after, f"a/{path.relative_to(self.source.parent)}", f"b/{new}")
         return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)
 
@@ -263,8 +277,6 @@ class _Writer:
             "effect": one.effect.name,
             "place": one.place,
             "law": one.effect.law,
-            "parameters": {
-                p.name: {"value": float(one.values[p.name]), "unit": p.unit} for p in one.effect.parameters
-            },
+            "parameters": {p.name: {"value": float(one.values[p.name]), "unit": p.unit} for p in one.effect.parameters},
             **where,
         }

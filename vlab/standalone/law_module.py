@@ -139,14 +139,18 @@ def law_module(
         needs="mujoco, numpy and scipy" if scipy else "mujoco and numpy",
         model=model,
         found="\n".join(f"{e.label}: {e.effect.law}" for e in shown) or "The model needs no law.",
-        command="data.ctrl[:] = law.command(model, data, u)  # u: your commands" if commands else "...  # your controls",
+        command="data.ctrl[:] = law.command(model, data, u)  # u: your commands"
+        if commands
+        else "...  # your controls",
         read="\n        y = law.read(model, data)  # once a sample" if readings else "",
     )
     standard = ["from typing import Any, NamedTuple", "from weakref import WeakKeyDictionary"]
     first = [line for line in imports if line.split()[1].split(".")[0] not in ("mujoco", "numpy", "scipy")]
     other = [line for line in imports if line not in first]
     parts = [head + "\n" + "\n".join(sorted([*standard, *first])) + "\n\n" + "\n".join(other), code.text]
-    parts.append("\n".join(f"{k} = {pprint.pformat(v, width=116, sort_dicts=False)}{_WORDS[k]}" for k, v in tables.items()))
+    parts.append(
+        "\n".join(f"{k} = {pprint.pformat(v, width=116, sort_dicts=False)}{_WORDS[k]}" for k, v in tables.items())
+    )
     text = "\n\n\n".join(part for part in parts if part) + "\n" + _running()
     return LawModule(text=text, refused=refused, uses=uses, lines=lines)
 

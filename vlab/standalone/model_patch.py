@@ -111,7 +111,9 @@ def _all_text(values: Any) -> str:
     return " ".join(f"{float(x):.{DIGITS}g}" for x in np.ravel(values))
 
 
-def patched(text: ModelText, nominal: Any, wanted: Any, springs: Sequence[tuple[Attached, tuple[Spring, ...]]] = ()) -> ModelPatch:
+def patched(
+    text: ModelText, nominal: Any, wanted: Any, springs: Sequence[tuple[Attached, tuple[Spring, ...]]] = ()
+) -> ModelPatch:
     """Edit a model's text so that the text compiles to another model.
 
     Parameters
@@ -216,9 +218,7 @@ def _set_inertia(out: ModelPatch, element: Element | None, label: str, i: int, m
     """Set a body's mass, centre and moments of inertia."""
     nominal, wanted = models
     mass, moments = _all_text(wanted.body_mass[i]), _all_text(wanted.body_inertia[i])
-    out.changes.append(
-        Changed(element=label, attribute="mass", before=_all_text(nominal.body_mass[i]), after=mass)
-    )
+    out.changes.append(Changed(element=label, attribute="mass", before=_all_text(nominal.body_mass[i]), after=mass))
     if _differs(nominal.body_inertia[i], wanted.body_inertia[i]):
         out.changes.append(
             Changed(element=label, attribute="diaginertia", before=_all_text(nominal.body_inertia[i]), after=moments)
@@ -345,7 +345,9 @@ def _add_tendons(
             values["springyield"] = number_text(wanted.tendon_springyield[i])
         first = int(wanted.tendon_adr[i])
         joints = [
-            _tag("joint", {"joint": wanted.joint(int(wanted.wrap_objid[w])).name, "coef": _all_text(wanted.wrap_prm[w])})
+            _tag(
+                "joint", {"joint": wanted.joint(int(wanted.wrap_objid[w])).name, "coef": _all_text(wanted.wrap_prm[w])}
+            )
             for w in range(first, first + int(wanted.tendon_num[i]))
         ]
         lines = [_tag("fixed", values).replace("/>", ">"), *(f"  {joint}" for joint in joints), "</fixed>"]

@@ -169,7 +169,7 @@ def _refused(model: Any, h: float, i: int, one: Attached) -> str:
     """Return why an actuator cannot take an effect; "" if it can."""
     name = one.effect.name
     is_fixed = model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
-    is_affine = model.actuator_biastype[i] in (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
+    is_affine = int(model.actuator_biastype[i]) in (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
     if name == "actuator-delay":
         if model.actuator_delay[i] > 0 or model.actuator_history[i].any():
             return "the actuator has a delay of its own"
