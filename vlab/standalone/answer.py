@@ -143,7 +143,7 @@ class _Writer:
         for level in ("elements", "numbers", "law"):
             parts = native_parts(self.plant, self.effects, channels=self.channels, with_elements=level == "elements")
             wanted = parts.spec.compile()
-            patch = self.patched(name, nominal, wanted, parts, is_edited=level != "law")
+            patch = self.patched(name, nominal, wanted, level)
             left, why = (None, "its text is unclear") if patch is None else self.compiled(name, wanted)
             if left is not None and patch is not None:
                 break
@@ -175,13 +175,13 @@ class _Writer:
     def target(self, name: str, path: Path) -> Path:
         return self.folder / (name if path == self.source else path.relative_to(self.source.parent))
 
-    def patched(
-        self, name: str, nominal: Any, wanted: Any, parts: NativeParts, *, is_edited: bool
-    ) -> ModelPatch | None:
+    def patched(self, name: str, nominal: Any, wanted: Any, level: str) -> ModelPatch | None:
         """Write the edited text; None if the text cannot be edited."""
         try:
             text = ModelText(self.source)
-            patch = patched(text, nominal, wanted, parts.springs) if is_edited else ModelPatch(text=text)
+            patch = ModelPatch(text=text)
+            if level != "law":
+                patch = patched(text, nominal, wanted, can_rename=level == "elements")
             for path in text.texts:
                 self.target(name, path).write_bytes(text.written(path))
         except ValueError:

@@ -4,15 +4,12 @@ The nominal and the wanted compiled model are compared number by number. Each di
 tendon, an actuator or a body's inertia. New fixed tendons are elements at the end of the tendon section.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from vlab.physics.attach import Attached
-from vlab.physics.native import Spring
 from vlab.signals import Array
 from vlab.standalone.mjcf_text import Element, ModelText, escaped
 
@@ -47,6 +44,8 @@ NUMBERS = tuple(
 """Numbers that a law module can set in the compiled model where the text cannot."""
 _DYNTYPE = {0: "none", 1: "integrator", 2: "filter", 3: "filterexact"}
 _OF_SHORTCUTS = ("kp", "kv", "dampratio", "timeconst", "inheritrange")
+_INPUTS = {"motor": {}, "position": {"input": "pos"}, "velocity": {"input": "vel"}}
+"""Shortcuts that can become general actuators, with the attributes that they imply."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,9 +110,7 @@ def _all_text(values: Any) -> str:
     return " ".join(f"{float(x):.{DIGITS}g}" for x in np.ravel(values))
 
 
-def patched(
-    text: ModelText, nominal: Any, wanted: Any, springs: Sequence[tuple[Attached, tuple[Spring, ...]]] = ()
-) -> ModelPatch:
+def patched(text: ModelText, nominal: Any, wanted: Any, *, can_rename: bool = True) -> ModelPatch:
     """Edit a model's text so that the text compiles to another model.
 
     Parameters
@@ -122,8 +119,8 @@ def patched(
         Text of the nominal model; receives the edits.
     nominal, wanted : mujoco.MjModel
         Compiled models; `wanted` may have more tendons, at the end.
-    springs : sequence of tuple of (Attached, tuple of Spring)
-        Effects that are these tendons.
+    can_rename : bool
+        Whether a shortcut such as ``motor`` may become ``general``.
 
     Returns
     -------
@@ -145,8 +142,9 @@ def patched(
     for i in range(nominal.nu):
         if any(_differs(getattr(nominal, f)[i], getattr(wanted, f)[i]) for f in ACTUATOR):
             element = found.find("actuator", nominal.actuator(i).name, i, nominal.nu)
-            _set_actuator(out, element, f"actuator:{nominal.actuator(i).name or i}", i, (nominal, wanted))
-    _add_tendons(out, nominal, wanted, springs)
+            label = f"actuator:{nominal.actuator(i).name or i}"
+            _set_actuator(out, element, label, i, (nominal, wanted), can_rename=can_rename)
+    _add_tendons(out, nominal, wanted)
     return out
 
 
@@ -246,7 +244,9 @@ def _set_inertia(out: ModelPatch, element: Element | None, label: str, i: int, m
     out.text.set(own, {**gone, **place, "mass": mass, "diaginertia": moments})
 
 
-def _set_actuator(out: ModelPatch, element: Element | None, label: str, i: int, models: tuple[Any, Any]) -> None:
+def _set_actuator(
+    out: ModelPatch, element: Element | None, label: str, i: int, models: tuple[Any, Any], *, can_rename: bool
+) -> None:
     """Set gains, limits, delay and filter of an actuator."""
     nominal, wanted = models
     new: dict[str, str | None] = {}
@@ -263,10 +263,11 @@ def _set_actuator(out: ModelPatch, element: Element | None, label: str, i: int, 
     if parameters and element is not None:
         short = _shortcut(element, i, wanted, parameters)
         if short is None:
-            if element.tag != "general":
+            if element.tag in _INPUTS and can_rename:
                 tag = "general"
-                new |= dict.fromkeys(_OF_SHORTCUTS)
-            new |= _general(i, wanted, nominal, is_whole=bool(tag))
+                new |= dict.fromkeys(_OF_SHORTCUTS) | _INPUTS[element.tag]
+            if element.tag == "general" or tag:
+                new |= _general(i, wanted, nominal, is_whole=bool(tag))
         else:
             new |= short
     for attribute, value in new.items():
@@ -323,9 +324,7 @@ def _general(i: int, wanted: Any, nominal: Any, *, is_whole: bool) -> dict[str, 
     return out
 
 
-def _add_tendons(
-    out: ModelPatch, nominal: Any, wanted: Any, springs: Sequence[tuple[Attached, tuple[Spring, ...]]]
-) -> None:
+def _add_tendons(out: ModelPatch, nominal: Any, wanted: Any) -> None:
     """Add the springs of effects to the tendon section."""
     texts = []
     for i in range(nominal.ntendon, wanted.ntendon):

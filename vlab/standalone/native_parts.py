@@ -30,8 +30,6 @@ class NativeParts:
     ----------
     spec : mujoco.MjSpec
         Model with calibrated numbers and native effects.
-    springs : list of tuple of (Attached, tuple of Spring)
-        Effects as springs of their own.
     native : dict of str to str
         Native element by effect and place.
     left : list of Attached
@@ -43,7 +41,6 @@ class NativeParts:
     """
 
     spec: Any
-    springs: list[tuple[Attached, tuple[Spring, ...]]]
     native: dict[str, str]
     left: list[Attached]
     plant: MjcfPlant
@@ -110,7 +107,7 @@ def native_parts(
         add_springs(spec, plant, one.place, one.label, beside)
     running = attach(plant, [*as_numbers, *left], channels=channels)
     assert isinstance(running, MjcfPlant)
-    return NativeParts(spec=spec, springs=extra, native=native, left=left, plant=running, reasons=reasons)
+    return NativeParts(spec=spec, native=native, left=left, plant=running, reasons=reasons)
 
 
 @dataclass(kw_only=True)
