@@ -111,9 +111,11 @@ def _for_mujoco(plain: dict[str, Any] | None, out: Path) -> list[str]:
     if not plain:
         return []
     lines = [f"for MuJoCo alone, in {Path(out) / FOLDER}: {', '.join(plain['files'])}"]
-    lines += [f"  {label}: {element} of the model" for label, element in plain["in_model"].items()]
-    lines += [f"  {label}: law.py" for label in plain["in_law"]]
-    return lines + [f"  {label}: not written, {reason}" for label, reason in plain["not_written"].items()]
+    lines += [f"  {in_line(label)}: {element} of the model" for label, element in plain["in_model"].items()]
+    lines += [f"  {in_line(label)}: law.py" for label in plain["in_law"]]
+    return lines + [
+        f"  {in_line(label)}: not written, {in_line(reason)}" for label, reason in plain["not_written"].items()
+    ]
 
 
 def _text(diagnosis: Diagnosis) -> str:

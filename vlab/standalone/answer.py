@@ -258,7 +258,8 @@ class _Writer:
     def diff(self, name: str, text: ModelText, path: Path) -> str:
         new = str(self.target(name, path).relative_to(self.folder))
         before, after = (
-            t.decode("utf-8", "replace").splitlines(keepends=True) for t in (text.texts[path], text.written(path))
+            [line.decode("utf-8", "replace") for line in t.splitlines(keepends=True)]
+            for t in (text.texts[path], text.written(path))
         )
         lines = difflib.unified_diff(before, after, f"a/{path.relative_to(self.source.parent)}", f"b/{new}")
         return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)

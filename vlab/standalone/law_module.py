@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from vlab.files.text import one_line
 from vlab.physics.attach import Attached
 from vlab.physics.effect import LinearPortEffect, PortEffect
 from vlab.physics.running import AtActuator, AtPort, AtSensor
@@ -135,10 +136,10 @@ def law_module(
     imports = sorted({"import mujoco", "import numpy as np", *code.imports} - {"from typing import Any, NamedTuple"})
     scipy = any("scipy" in line for line in imports)
     head = HEAD.format(
-        title=title,
+        title=_quoted(title),
         needs="mujoco, numpy and scipy" if scipy else "mujoco and numpy",
-        model=model,
-        found="\n".join(f"{e.label}: {e.effect.law}" for e in shown) or "The model needs no law.",
+        model=_quoted(model),
+        found="\n".join(_quoted(f"{e.label}: {e.effect.law}") for e in shown) or "The model needs no law.",
         command="data.ctrl[:] = law.command(model, data, u)  # u: your commands"
         if commands
         else "...  # your controls",
@@ -163,6 +164,11 @@ _WORDS = {
     "COMMANDS": '\n"""Effects between command and actuator, in order; ``control`` is the index in ``data.ctrl``."""',
     "READINGS": '\n"""Effects between motion and reading, in order."""',
 }
+
+
+def _quoted(text: str) -> str:
+    """Return a text that cannot end a docstring; names come from the user's files."""
+    return one_line(text).replace("\\", "/").replace('"', "'")
 
 
 def _running() -> str:

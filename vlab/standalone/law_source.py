@@ -84,13 +84,15 @@ class LawCode:
             members[member] = ast.unparse(tree)
             waiting += [at for at in _of_self(tree) if inspect.getattr_static(made, at, None) is not None]
             self._names(tree, function.__globals__)
-        constants = [text for text in members.values() if not text.lstrip().startswith(("def ", "@"))]
-        functions = [text for text in members.values() if text not in constants]
         words = inspect.cleandoc(made.__doc__ or name)
         if isinstance(law := getattr(made, "law", None), str):
             words += f"\n\nLaw: {law}."
-        body = [f'"""{words}\n"""' if "\n" in words else f'"""{words}"""', *constants, *functions]
-        self._parts[name] = (made, f"class {name}:\n" + textwrap.indent("\n\n".join(body), "    "))
+        body = [node for text in members.values() for node in ast.parse(text).body]
+        body.sort(key=lambda node: isinstance(node, ast.FunctionDef))
+        tree = ast.parse(f"class {name}: pass").body[0]
+        assert isinstance(tree, ast.ClassDef)
+        tree.body = [ast.Expr(ast.Constant(words)), *body]
+        self._parts[name] = (made, ast.unparse(ast.fix_missing_locations(tree)))
         return name
 
     def _names(self, tree: ast.AST, names: dict[str, Any]) -> None:
