@@ -1,7 +1,7 @@
 """Running part of a law module: port forces, commands and readings in plain MuJoCo.
 
 The text below the marker goes into every ``law.py``. It needs mujoco and numpy, and nothing of vlab. The march is that
-of `vlab.physics.running`: all port forces of a step come from one solution, mass and damping at ports are implicit, and
+of `vlab.physics.running`. All port forces of a step come from one solution. Mass and damping at ports are implicit, and
 every law uses the port motion under them.
 """
 
@@ -29,7 +29,10 @@ STAGGERED = (
 
 
 class Step(NamedTuple):
-    """Data of one integration step: length and middle time [s], mobility [m/s/N], velocities [m/s] and command."""
+    """Data of one integration step.
+
+    Length and middle time [s], mobility [m/s/N], command, and velocities at the end and the beginning [m/s].
+    """
 
     h: Any
     t: Any = 0.0
@@ -40,7 +43,10 @@ class Step(NamedTuple):
 
 
 class Coordinate:
-    """A scalar coordinate of the model: a joint, a tendon, a body's centre or a site along an axis, or the floor."""
+    """A scalar coordinate of the model.
+
+    Kinds: a joint, a tendon, a body's centre or a site along an axis, and the floor.
+    """
 
     def __init__(self, model: Any, line: dict[str, Any]) -> None:
         self.kind, self.axis = line["kind"], line.get("axis", 0)
@@ -50,7 +56,13 @@ class Coordinate:
             self.fixed[model.jnt_dofadr[self.index]] = 1.0
 
     def row(self, model: Any, data: Any) -> Any:
-        """Return the Jacobian row of the coordinate, (nv,)."""
+        """Return the Jacobian row of the coordinate.
+
+        Returns
+        -------
+        (nv,) array
+            Row at the present configuration.
+        """
         if self.kind in ("joint", "floor"):
             return self.fixed
         if self.kind == "tendon":
@@ -64,7 +76,13 @@ class Coordinate:
         return jacobian[self.axis]
 
     def position(self, model: Any, data: Any) -> float:
-        """Return the value of the coordinate [m or rad]."""
+        """Return the value of the coordinate.
+
+        Returns
+        -------
+        float
+            Value [m or rad].
+        """
         if self.kind == "floor":
             return 0.0
         if self.kind == "joint":
@@ -107,7 +125,13 @@ class Run:
         self.reading_steps = [a["law"].stepper(a["values"], self.sample) for a in READINGS]
 
     def begins(self, model: Any, time: float) -> bool:
-        """Return whether a call at a time belongs to a step's beginning; a Runge-Kutta stage does not."""
+        """Return whether a call belongs to the beginning of a step.
+
+        Returns
+        -------
+        bool
+            False for the later stages of a Runge-Kutta step.
+        """
         h = self.h
         if time < self.time - 1e-6 * h:
             self.reset()
@@ -126,7 +150,10 @@ class Run:
 
 
 def _held(line: dict[str, Any], h: float, sample: float) -> Any:
-    """Return a command filter per integration step; a clocked one changes once a sample only."""
+    """Return a command filter per integration step.
+
+    A clocked filter changes its output once a sample only.
+    """
     if not line.get("is_clocked"):
         return line["law"].stepper(line["values"], h)
     once, every = line["law"].stepper(line["values"], sample), max(1, round(sample / h))
