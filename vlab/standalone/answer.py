@@ -189,7 +189,10 @@ class _Writer:
         return patch
 
     def compiled(self, name: str, wanted: Any) -> tuple[list[tuple[str, tuple[int, ...], float]] | None, str]:
-        """Return numbers that the written file lacks; None and the reason if numbers alone do not make it equal."""
+        """Return numbers that the written file lacks, or None and the reason.
+
+        None: setting numbers does not make the file equal to the computed model.
+        """
         try:
             model = mujoco.MjModel.from_xml_path(str(self.folder / name))
         except Exception as error:  # MuJoCo raises ValueError, FatalError and a few more with one meaning

@@ -165,7 +165,15 @@ class _Elements:
         }
 
     def find(self, kind: str, name: str, index: int, count: int) -> Element | None:
-        """Return an element by name, or by its number where all elements are in the text."""
+        """Return an element by name, or by its number.
+
+        A number counts only where all elements of the kind are in the text.
+
+        Returns
+        -------
+        Element or None
+            None if the element is not in the text.
+        """
         every = self.kinds[kind]
         if name:
             named = [e for e in every if e.attributes.get("name") == name]
