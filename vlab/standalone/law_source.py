@@ -91,6 +91,8 @@ class LawCode:
         body.sort(key=lambda node: isinstance(node, ast.FunctionDef))
         tree = ast.parse(f"class {name}: pass").body[0]
         assert isinstance(tree, ast.ClassDef)
+        if "\n" in words:
+            words = textwrap.indent(words, "    ").strip() + "\n    "
         tree.body = [ast.Expr(ast.Constant(words)), *body]
         self._parts[name] = (made, ast.unparse(ast.fix_missing_locations(tree)))
         return name
