@@ -145,7 +145,8 @@ def _for_mujoco(
     done: Done, effects: Sequence[Attached], earlier: Sequence[Attached], theta: Array, folder: Path
 ) -> tuple[StandaloneAnswer | None, str]:
     """Write the answer for plain MuJoCo and return it, with the reason of a failure."""
-    case, plant = done.problem.case, done.problem.adjusted(theta)
+    case = done.problem.case
+    plant = done.problem.adjusted(theta) if done.fit.terms else done.before.plant
     if case.structure is not None or not isinstance(plant, MjcfPlant):
         return None, ""
     sample = 0.0

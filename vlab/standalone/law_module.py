@@ -114,6 +114,8 @@ def law_module(
             _written(code, a, refused, commands, [line | ({"is_clocked": True} if a.effect.is_clocked else {})])
         elif isinstance(a, AtSensor):
             _written(code, a, refused, readings, [{"name": a.name, **_picked(plant, a)}])
+        elif not isinstance(a, AtPort):
+            refused[a.effect.name] = "it acts neither at a coordinate nor on a command nor on a reading"
     uses = tuple(
         name
         for name, used in (

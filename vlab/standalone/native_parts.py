@@ -5,7 +5,6 @@ an actuator's elements in a fixed order: delay, range, filter, gain, bias. Effec
 their list. The last effects of the list become elements as long as both orders agree; all earlier ones are laws.
 """
 
-import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,7 +13,7 @@ import mujoco
 
 from vlab.physics.attach import Attached, actuators_at, attach
 from vlab.physics.effect import ActuatorEffect, SensorEffect
-from vlab.physics.native import Spring, add_numbers, add_springs, numbers, springs
+from vlab.physics.native import Spring, add_springs, numbers, springs
 from vlab.plants.mjcf import MjcfPlant
 
 TAU_SAMPLES = 1.0
@@ -68,7 +67,6 @@ def native_parts(
     NativeParts
         Model and laws.
     """
-    model = copy.copy(plant.model)
     native: dict[str, str] = {}
     reasons: dict[str, str] = {}
     extra: list[tuple[Attached, tuple[Spring, ...]]] = []
@@ -89,7 +87,6 @@ def native_parts(
         own = numbers(plant, one.effect, one.place, one.values)
         beside = springs(plant, one.effect, one.place, one.values) if with_elements else None
         if own is not None:
-            add_numbers(model, one.place, own)
             as_numbers.append(one)
             native[one.label] = ", ".join(dict.fromkeys(what for what, _, _ in own))
         elif beside is not None:
@@ -98,15 +95,20 @@ def native_parts(
         else:
             left.append(one)
             reasons[one.label] = "MuJoCo has no such element"
+    running = attach(plant, [*as_numbers, *left], channels=channels)
+    assert isinstance(running, MjcfPlant)
+    at_work = {a.effect.name for a in running.physics}
+    for one in [one for one in left if one.effect.name not in at_work]:
+        left.remove(one)
+        native[one.label] = "numbers of the compiled model"
+        del reasons[one.label]
     spec = plant.spec.copy()
     spec.compile()
-    spec.copy_back(model)
+    spec.copy_back(running.model)
     for change in into.changes:
         change(spec)
     for one, beside in extra:
         add_springs(spec, plant, one.place, one.label, beside)
-    running = attach(plant, [*as_numbers, *left], channels=channels)
-    assert isinstance(running, MjcfPlant)
     return NativeParts(spec=spec, native=native, left=left, plant=running, reasons=reasons)
 
 
