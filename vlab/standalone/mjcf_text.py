@@ -85,7 +85,8 @@ class ModelText:
         if path in chain:
             raise ValueError(f"{path.name} includes itself")
         text = self.texts[path] = path.read_bytes()
-        parser, stack = expat.ParserCreate(), []
+        parser = expat.ParserCreate()
+        stack: list[Element] = []
         roots: list[Element] = []
 
         def begin(tag: str, attributes: dict[str, str]) -> None:

@@ -482,8 +482,8 @@ def _without_vlab(files: ExtendedModelFiles) -> list[Section]:
     """Return the section on the files for MuJoCo alone, if there are any."""
     title, answer = "The answer without vlab", files.mujoco
     if answer is None:
-        text = f"The answer could not be written for MuJoCo alone: {files.mujoco_note}."
-        return [Section(title=title, text=(text,))] if files.mujoco_note else []
+        why = f"The answer could not be written for MuJoCo alone: {files.mujoco_note}."
+        return [Section(title=title, text=(why,))] if files.mujoco_note else []
     named = ", ".join(f"{FOLDER}/{name}" for name in answer.files)
     text = [f"{named}: your model file with its changes, for MuJoCo alone."]
     if answer.uses:
