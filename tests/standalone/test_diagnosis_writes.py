@@ -51,7 +51,7 @@ def test_the_model_holds_calibrated_numbers_and_native_effects(written):
     model = mujoco.MjModel.from_xml_path(str(folder / "model.xml"))
     amended = mujoco.MjModel.from_xml_path(str(written.folder / "amended.xml"))
     for field in ("dof_damping", "jnt_stiffness", "body_mass", "body_inertia", "actuator_gainprm"):
-        assert np.allclose(getattr(model, field), getattr(amended, field), rtol=1e-8), field
+        assert np.allclose(getattr(model, field), getattr(amended, field), rtol=1e-5), field  # MuJoCo writes six digits
     assert not np.allclose(model.jnt_stiffness, written.done.problem.case.plant.model.jnt_stiffness)
     assert answer.native == {"viscous-damping@joint:a": "damping"}
     assert "bouc-wen@joint:a" in answer.laws
