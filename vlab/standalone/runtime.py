@@ -58,6 +58,11 @@ class Coordinate:
     def row(self, model: Any, data: Any) -> Any:
         """Return the Jacobian row of the coordinate.
 
+        Parameters
+        ----------
+        model, data : mujoco.MjModel, mujoco.MjData
+            Running model.
+
         Returns
         -------
         (nv,) array
@@ -77,6 +82,11 @@ class Coordinate:
 
     def position(self, model: Any, data: Any) -> float:
         """Return the value of the coordinate.
+
+        Parameters
+        ----------
+        model, data : mujoco.MjModel, mujoco.MjData
+            Running model.
 
         Returns
         -------
@@ -126,6 +136,13 @@ class Run:
 
     def begins(self, model: Any, time: float) -> bool:
         """Return whether a call belongs to the beginning of a step.
+
+        Parameters
+        ----------
+        model : mujoco.MjModel
+            Running model.
+        time : float
+            Time of the call [s].
 
         Returns
         -------
