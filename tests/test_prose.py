@@ -16,6 +16,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 ROOMS = [
     "vlab/physics",
+    "vlab/standalone",
     "vlab/cases",
     "vlab/recordings",
     "vlab/plants",

@@ -19,6 +19,7 @@ ROOMS = [
     "vlab.modal",
     "vlab.recordings",
     "vlab.physics",
+    "vlab.standalone",
     "vlab.hardware",
     "vlab.lab",
     "vlab.cases",

@@ -66,6 +66,7 @@ HEADINGS = [
     "Next measurement",
     "Quality of the recordings",
     "The extended model",
+    "The answer without vlab",
     "How long it took",
 ]
 

@@ -1,6 +1,8 @@
 """``vlab diagnose``."""
 
 import argparse
+import json
+from pathlib import Path
 from typing import Any
 
 from vlab.api.diagnosis import diagnose
@@ -10,7 +12,9 @@ from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.diagnose.advice import RESERVED, attempt_sentence, before_heading, format_probability
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding
+from vlab.errors import BadExperiment
 from vlab.files.text import in_line
+from vlab.standalone.answer import FOLDER, PATCH
 
 OF_THE_FIT_ALONE = (
     "The effect that explains the fit recordings has no effect on the held-out recordings: nothing is verified."
@@ -52,7 +56,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help="add no effects after this time and validate the best hypothesis so far (default: no limit)",
     )
-    add_out(parser, "diagnosis.json, report.html, run.rrd and the extended model to this folder (default: print only)")
+    parser.add_argument(
+        "--patch",
+        action="store_true",
+        help="print the changes of the MJCF model as a unified diff; needs --out (default: write them to the folder only)",
+    )
+    add_out(
+        parser,
+        "diagnosis.json, report.html, run.rrd the extended model and, for an MJCF model, files for MuJoCo alone to this folder (default: print only)",
+    )
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
@@ -69,6 +81,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
         Document and text of the command.
     """
     check_out(arguments, read=[arguments.case])
+    if arguments.patch and not arguments.out:
+        raise BadExperiment("--patch prints what is written to a folder; give --out DIR as well")
     case = load_case(arguments.case, allow_outside=arguments.allow_outside)
     with share_bar("diagnose") as report:
         result = diagnose(
@@ -79,11 +93,30 @@ def run(arguments: argparse.Namespace) -> Outcome:
             time_limit=arguments.time_limit,
             progress=report,
         )
-    document, text = result.done.diagnosis.to_json(), _text(result.done.diagnosis)
-    if arguments.out:
-        result.save(arguments.out, overwrite=arguments.overwrite)
-        document["out"], text = str(arguments.out), f"{text}\n\nwritten to {arguments.out}"
-    return Outcome(document=document, text=text)
+    document, text = result.done.diagnosis.to_json(), [_text(result.done.diagnosis)]
+    if not arguments.out:
+        return Outcome(document=document, text=text[0])
+    result.save(arguments.out, overwrite=arguments.overwrite)
+    folder = Path(arguments.out)
+    plain = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8")).get("mujoco")
+    document |= {"out": str(arguments.out), "mujoco": plain}
+    text += ["", f"written to {arguments.out}", *_for_mujoco(plain, folder)]
+    if arguments.patch:
+        document["patch"] = (folder / FOLDER / PATCH).read_text(encoding="utf-8") if plain else ""
+        text += ["", document["patch"]]
+    return Outcome(document=document, text="\n".join(text))
+
+
+def _for_mujoco(plain: dict[str, Any] | None, out: Path) -> list[str]:
+    """Return the lines on the files for MuJoCo alone."""
+    if not plain:
+        return []
+    lines = [f"for MuJoCo alone, in {Path(out) / FOLDER}: {', '.join(plain['files'])}"]
+    lines += [f"  {in_line(label)}: {element} of the model" for label, element in plain["in_model"].items()]
+    lines += [f"  {in_line(label)}: law.py" for label in plain["in_law"]]
+    return lines + [
+        f"  {in_line(label)}: not written, {in_line(reason)}" for label, reason in plain["not_written"].items()
+    ]
 
 
 def _text(diagnosis: Diagnosis) -> str:

@@ -14,6 +14,7 @@ import pyarrow
 import pyarrow.parquet
 
 from vlab.cases.case import Case, load_case
+from vlab.cases.clock import plan_clock
 from vlab.cases.compare import compare_run
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.parameters.structure import edited
@@ -27,6 +28,7 @@ from vlab.physics.catalogue import effect_named
 from vlab.plants.base import Plant
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
+from vlab.standalone.answer import FOLDER, StandaloneAnswer, write_answer
 from vlab.structure.model import Structure
 
 MODEL, CASE, STRUCTURE = "amended.xml", "amended.toml", "amended-structure.toml"
@@ -53,6 +55,10 @@ class ExtendedModelFiles:
         Error reported by the diagnosis.
     note : str
         Reason of a failure, or "".
+    mujoco : StandaloneAnswer or None
+        The same for plain MuJoCo; None without findings, or for a structure.
+    mujoco_note : str
+        Reason of a failure to write for plain MuJoCo, or "".
     """
 
     files: tuple[str, ...]
@@ -60,6 +66,8 @@ class ExtendedModelFiles:
     nrmse: float | None
     reported: float
     note: str = ""
+    mujoco: StandaloneAnswer | None = None
+    mujoco_note: str = ""
 
 
 def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
@@ -100,7 +108,8 @@ def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
             if case.table.model.hardware:
                 shutil.copyfile(case.folder / case.table.model.hardware, folder / Path(case.table.model.hardware).name)
                 raw["model"]["hardware"] = Path(case.table.model.hardware).name
-        tables = [*earlier, *left, *_calibrated(done, theta, found), *_ranges(done)]
+        further = [*_calibrated(done, theta, found), *_ranges(done)]
+        tables = [*earlier, *left, *further]
         for given, table in zip(raw.get("recording", ()), case.table.recording, strict=True):
             for channel, known in zip(given["channel"], table.channel, strict=True):
                 channel.update({"offset": known.offset} if known.offset else {})
@@ -119,6 +128,7 @@ def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
     except OSError as error:
         raise OutputRefused(f"the extended model cannot be written into {folder}: {error.strerror or error}") from error
     nrmse, note = _run_again(done, folder)
+    plain, plain_note = _for_mujoco(done, [*effects, *further], earlier, theta, folder) if found else (None, "")
     reported = done.diagnosis.heldout["nrmse_after" if found else "nrmse_refitted"]
     return ExtendedModelFiles(
         files=(*files, CASE),
@@ -126,7 +136,39 @@ def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
         nrmse=nrmse,
         reported=math.nan if reported is None else float(reported),
         note=note,
+        mujoco=plain,
+        mujoco_note=plain_note,
     )
+
+
+def _for_mujoco(
+    done: Done, effects: Sequence[Attached], earlier: Sequence[Attached], theta: Array, folder: Path
+) -> tuple[StandaloneAnswer | None, str]:
+    """Write the answer for plain MuJoCo and return it, with the reason of a failure."""
+    case = done.problem.case
+    plant = done.problem.adjusted(theta) if done.fit.terms else done.before.plant
+    if case.structure is not None or not isinstance(plant, MjcfPlant):
+        return None, ""
+    sample = 0.0
+    if isinstance(done, Diagnosed):
+        clock = plan_clock(plant.timestep, done.problem.runs[0])
+        sample = clock.steps * clock.timestep
+    try:
+        answer = write_answer(
+            case.folder / case.table.model.mjcf,
+            plant,
+            effects,
+            folder / FOLDER,
+            channels=done.problem.names,
+            sample=sample,
+            earlier=earlier,
+            findings=[finding.to_json() for finding in done.diagnosis.findings],
+        )
+    except OutputRefused:
+        raise
+    except VlabError as error:
+        return None, str(error)
+    return answer, ""
 
 
 def _for_plant(done: Done, theta: Array) -> Array:

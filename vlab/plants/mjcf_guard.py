@@ -70,6 +70,33 @@ def check_file(path: Path, label: str) -> None:
     check_counts(model.roots[path], label, model.parts)
 
 
+def model_files(path: Path, label: str) -> set[Path]:
+    """Return all files of a model.
+
+    Parameters
+    ----------
+    path : Path
+        Absolute path of the model file with links resolved.
+    label : str
+        Name of the file in messages.
+
+    Returns
+    -------
+    set of Path
+        The model, its included and attached files, and its assets; all inside the model's folder.
+
+    Raises
+    ------
+    BadStructure
+        The model has forbidden content.
+    """
+    model = _Model(folder=path.parent)
+    model.read(path, label)
+    model.follow()
+    read = {root for root in model.roots if root is not None}
+    return read | {file for reference in model.references for file in model.found(reference)}
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Reference:
     """Reference to a file: value, element and label."""

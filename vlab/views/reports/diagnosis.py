@@ -20,6 +20,7 @@ from vlab.diagnose.validation.simulation import Checked
 from vlab.files.output_folder import finite
 from vlab.physics.catalogue import EFFECTS
 from vlab.recordings.files import written_whole
+from vlab.standalone.answer import FOLDER
 from vlab.views.figures import to_svg
 from vlab.views.figures.diagnosis import (
     calibration_figure,
@@ -78,6 +79,7 @@ def write_diagnosis(done: Done | RejectedCase, folder: Path) -> list[Section]:
     document = {
         **done.diagnosis.to_json(),
         "amended": {"files": list(files.files), "effects": list(files.tables), "nrmse_run_again": files.nrmse},
+        "mujoco": None if files.mujoco is None else files.mujoco.to_json(),
     }
     with written_whole(folder / "diagnosis.json") as stream:
         stream.write((json.dumps(finite(document), indent=2, allow_nan=False) + "\n").encode())
@@ -177,6 +179,7 @@ def sections(done: Done, files: ExtendedModelFiles | None = None) -> list[Sectio
     out.append(Section(title="Quality of the recordings", text=diagnosis.quality or ("No damage was found.",)))
     if files is not None:
         out.append(_files(done, files))
+        out += _without_vlab(files)
     out.append(Section(title="How long it took", text=(f"{diagnosis.seconds:.1f} s.",)))
     return out
 
@@ -475,3 +478,20 @@ def _files(done: Done, files: ExtendedModelFiles) -> Section:
             f"Run again from these files alone: NRMSE {files.nrmse:.4g}; reported {files.reported:.4g} ({verdict})."
         )
     return Section(title="The extended model", text=text)
+
+
+def _without_vlab(files: ExtendedModelFiles) -> list[Section]:
+    """Return the section on the files for MuJoCo alone, if there are any."""
+    title, answer = "The answer without vlab", files.mujoco
+    if answer is None:
+        why = f"The answer could not be written for MuJoCo alone: {files.mujoco_note}."
+        return [Section(title=title, text=(why,))] if files.mujoco_note else []
+    named = ", ".join(f"{FOLDER}/{name}" for name in answer.files)
+    text = [f"{named}: your model file with its changes, for MuJoCo alone."]
+    if answer.uses:
+        calls = ", ".join(f"law.{name}" for name in answer.uses)
+        text.append(f"Call {calls} of {FOLDER}/law.py, whose first lines show how.")
+    rows = [[label, "model.xml", element, None] for label, element in answer.native.items()]
+    rows += [[label, "law.py", None, reason] for label, reason in answer.laws.items()]
+    rows += [[label, "nowhere", None, reason] for label, reason in answer.not_written.items()]
+    return [Section(title=title, text=text, tables=[(("effect", "stands in", "as", "why"), rows)] if rows else [])]

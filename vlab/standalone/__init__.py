@@ -1,0 +1,1 @@
+"""Answers of a diagnosis as plain MuJoCo files."""
