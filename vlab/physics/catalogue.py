@@ -5,7 +5,7 @@ from pathlib import Path
 
 from vlab.controllers.user_law import FAILURES, check_code, class_from_file, is_user_law
 from vlab.errors import BadExperiment, unknown_name
-from vlab.physics import actuator_memory, actuators, port_linear, port_memory, port_nonlinear, sensors
+from vlab.physics import actuator_memory, actuators, port_linear, port_memory, port_nonlinear, sensors, servo
 from vlab.physics.effect import Effect
 
 EFFECTS: dict[str, Effect] = {
@@ -54,6 +54,11 @@ EFFECTS: dict[str, Effect] = {
         actuators.CoarseHold(),
         actuators.Jitter(),
         actuators.CoilForceOverTravel(),
+        servo.ServoPositionGain(),
+        servo.ServoVelocityGain(),
+        servo.ServoTorqueConstant(),
+        servo.ServoErrorDeadZone(),
+        servo.ServoForceLimit(),
         sensors.SensorGain(),
         sensors.SensorOffset(),
         sensors.SensorDrift(),
@@ -95,6 +100,8 @@ ALIASES = {
     "magnetic-hysteresis": "actuator-hysteresis",
     "coil-inductance": "actuator-lag",
     "filter-corner": "actuator-lag",
+    "servo-zero": "actuator-offset",
+    "servo-supply": "servo-torque-constant",
     "floor-motion": "sinusoidal-force",
     "draught": "sinusoidal-force",
     "force-hum": "sinusoidal-force",

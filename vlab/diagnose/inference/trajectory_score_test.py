@@ -380,7 +380,7 @@ class TrajectoryScoreTest(ScoreTest):
         own: Any = group.u[..., place.coil] if place.coil is not None else 0.0
         with np.errstate(all="ignore"):  # a law too stiff for the samples diverges and is no candidate
             laws = [self._series(group, place, effect, u, z[0], v[0], own) for u in unit_amplitudes(effect, shape)]
-        series = [x if np.all(np.abs(x) < KERNELS.runaway) else 0.0 * z[0] for x in laws]
+        series = [x / effect.probe if np.all(np.abs(x) < KERNELS.runaway) else 0.0 * z[0] for x in laws]
         return np.asarray(rows[0][..., None] * np.stack(series, axis=-1)[..., None, :])
 
     def _series(
