@@ -193,7 +193,7 @@ class ServoEffect(PortEffect):
 
 @lru_cache(maxsize=1024)
 def at_servo(effect: ServoEffect, servo: Servo) -> ServoEffect:
-    """Return an effect at a servo; one object for each servo, so that recorded laws are shared.
+    """Return an effect at a servo, as one object for each servo.
 
     Parameters
     ----------
