@@ -165,7 +165,7 @@ def servo_case(
         read = arm.angles(commands, drives) + NOISE * rng.standard_normal(commands.shape)
         columns = {f"{n}_cmd": commands[:, j] for j, n in enumerate(arm.names)}
         columns |= {f"{n}_pos": read[:, j] for j, n in enumerate(arm.names)}
-        records.append(Record(name, role, columns, rate_hz=RATE))
+        records.append(Record(name=name, role=role, columns=columns, rate_hz=RATE))
     channels = [
         Channel(column=f"{n}_cmd", at=f"{n}_servo", kind="command", unit="rad", is_input=True, hold="zero")
         for n in arm.names

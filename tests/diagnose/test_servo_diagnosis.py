@@ -8,7 +8,10 @@ import pytest
 from servo_rigs import ARMS, LEVER, RATE, TWO_LINKS, commands_of, servo_case
 
 from vlab.cases import load_case
+from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
+from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory
 
 
 def hide(arm, joint, **changed):
@@ -17,7 +20,7 @@ def hide(arm, joint, **changed):
 
 
 HIDDEN = {
-    # effect: arm, drives, place, parameter, true value, tolerance
+    # arm, true drives, effect, joint, parameters
     "position gain, soft": ("lever", hide(LEVER, 0, gain=0.78 * 12.0), "servo-position-gain", "shaft", {"gain": -0.22}),
     "position gain, stiff": (
         "two links",
@@ -88,3 +91,45 @@ def test_the_arms_are_those_of_mujoco(name):
         for _ in range(round(1.0 / RATE / model.opt.timestep)):
             mujoco.mj_step(model, data)
     assert np.abs(here - there).max() < 0.01 * np.abs(here).max()
+
+
+# ---- gains as uncertain parameters ------------------------------------------------------------------------------------
+
+TRUE = {"gain:shaft_servo": 0.67, "velocity-gain:shaft_servo": 1.3}
+"""Factors on the gains of the lever's servo."""
+
+
+@pytest.fixture(scope="module")
+def uncertain(tmp_path_factory):
+    """The lever with two wrong gains that the case states as uncertain, screened along its motion."""
+    kp, kv = TRUE.values()
+    folder = tmp_path_factory.mktemp("uncertain")
+    drives = hide(LEVER, 0, gain=kp * LEVER.drives[0].gain, damping=kv * LEVER.drives[0].damping)
+    servo_case(folder, "lever", hidden=drives, uncertain={"gain": 0.5, "velocity-gain": 0.5, "damping": 0.05})
+    return TrajectoryScoreTest(*prepare_trajectory(load_case(folder / "case.toml")))
+
+
+def test_an_uncertain_gain_changes_the_force_of_the_whole_loop(uncertain):
+    names = [p.name for p in uncertain.problem.parameters]
+    trajectory, motion = uncertain.moving.trajectories[0], uncertain.systems[0].motion
+    n, drive = len(trajectory) - 1, LEVER.drives[0]
+    q, v = (0.5 * (x[1:, 0] + x[:-1, 0]) for x in (motion.q, motion.v))
+    change = uncertain.changes[:n, 0, 0]
+    expected = {
+        "gain:shaft_servo": drive.gain * (trajectory.u[:n, 0] - q),
+        "velocity-gain:shaft_servo": -drive.damping * v,
+    }
+    for name, force in expected.items():
+        assert np.abs(change[:, names.index(name)] - force).max() < 0.01 * np.abs(force).max(), name
+
+
+def test_a_calibration_reaches_gains_that_are_far_off(uncertain):
+    names, screen = [p.name for p in uncertain.problem.parameters], uncertain
+    for _ in range(2):
+        refiner = TrajectoryLeastSquares(screen, whole=True)
+        fit = refiner.fit()
+        screen = screen.at(fit.theta)
+    for name, factor in TRUE.items():
+        assert np.exp(fit.theta[names.index(name)]) == pytest.approx(factor, rel=0.05), name
+    noise = refiner.problem.signals[0].noise[0] / refiner.problem.signals[0].scale[0]
+    assert fit.error.max() < 1.5 * noise
