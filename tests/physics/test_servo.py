@@ -45,7 +45,7 @@ def bench(plant, effects):
     return attach(plant, values)
 
 
-def angles(plant, *, command=0.0, load=0.0, start=0.0, rate=0.0, seconds=3.0):
+def angles(plant, *, command=0.0, load=0.0, start=0.0, rate=0.0, seconds=1.5):
     """Return times and angles of a run under a constant command and load."""
     data = plant.new_data()
     data.qpos[0], data.qvel[0] = start, rate
@@ -195,3 +195,13 @@ def test_a_gear_and_a_tendon_carry_the_law(plant):
         )
         _, q = angles(bench(build_mjcf(text), {"servo-error-dead-zone": {"threshold": 0.03}}), load=LOAD)
         assert q[-1] == pytest.approx((LOAD / 2 / KP + 0.03) / 2, rel=1e-3)
+
+
+def test_a_servo_with_a_filter_errs_by_the_filtered_command(plant):
+    # far below its corner the filter passes the command; the dead zone then holds the joint behind the filtered command
+    filtered = build_mjcf(BENCH.replace('kv="0.35"', 'kv="0.35" timeconst="0.05"'))
+    t, q = angles(bench(filtered, {"servo-error-dead-zone": {"threshold": 0.03}}), command=0.1, seconds=0.02)
+    held = 0.1 * (1 - np.exp(-t / 0.05)) < 0.03
+    assert held.sum() > 50
+    assert np.abs(q[held]).max() < 1e-12
+    assert abs(q[-1]) > 1e-6
