@@ -70,6 +70,7 @@ EFFECTS = {
     "jenkins-slip": Effect(place="tendon:spring2", parameters={"force": 0.4, "slip": 1.3e-3}),
     "plastic-set": Effect(place="tendon:spring2", parameters={"yield": 0.006}),
     "one-sided-stiffness": Effect(place="joint:mass3", parameters={"stiffness": 1000.0, "gap": 0.006}),
+    "detent": Effect(place="joint:mass2", parameters={"force": 1.5, "pitch": 0.0007}),
     "added-mass": Effect(place="joint:mass2", parameters={"mass": 0.05}),
     "lost-stiffness": Effect(place="tendon:spring3", parameters={"share": 0.1}),
     "actuator-clipping": Effect(place="actuator:motor", parameters={"limit": 2.5}),
@@ -80,7 +81,7 @@ EFFECTS = {
     "mains-hum": Effect(place="sensor:sensor2", parameters={"share": 0.3, "frequency": 50.0}),
     "sensor-offset": Effect(place="sensor:sensor1", parameters={"share": 0.3}),
 }
-"""By name, as in `vlab effects` (a wrong polarity is a sensor gain of -2 there). The share of hum (rms) and offset is
+"""By name, as in `vlab effects` (a wrong polarity is a sensor gain of -2 there; the catalogue has no detent). The share of hum (rms) and offset is
 of the channel's rms at the middle level; `oscillator_case` gives their size in metres."""
 
 
@@ -116,6 +117,7 @@ def _law(name: str, p: dict[str, float], stiffness: float) -> Force | None:
         "cubic-stiffness": lambda d, v: -p["k3"] * d**3,
         "quadratic-stiffness": lambda d, v: -p["k2"] * d**2,
         "dead-band": lambda d, v: stiffness * np.clip(d, -p["gap"], p["gap"]),
+        "detent": lambda d, v: -p["force"] * np.sin(d / p["pitch"]) * np.exp(-((d / (3 * p["pitch"])) ** 2)),
         "one-sided-stiffness": lambda d, v: -p["stiffness"] * np.maximum(d - p["gap"], 0.0),
     }
     if name == "plastic-set":  # the whole spring slips, in place of the one that does not

@@ -144,12 +144,24 @@ def test_steps_that_are_too_coarse_for_a_motion_are_said(tmp_path):
     words, left = [], []
     for model in (coarse, fine):
         own, finer = (check([run], m, None) for m in (model, with_finer_steps(model)))
-        words.append(coarse_steps(model, own, finer))
+        words.append(coarse_steps(model, [run]))
         left.append((own[0].before, finer[0].before))
     assert "2.5 ms instead of 10 ms" in words[0]
     assert "RK4" in words[0]
     assert words[1] == ""
     assert left[0][1] < 0.6 * left[0][0]  # of first order: a quarter, and what the reading of the start leaves
+
+
+def test_steps_are_compared_over_the_same_parts(tmp_path):
+    """A model that loses a recording is simulated in parts; the parts are not a matter of its steps."""
+    model, run = swing(tmp_path, step=0.002)
+    stiff = Attached(effect=EFFECTS["stiffness-to-ground"], place="joint:pivot", values={"stiffness": 0.15})
+    wrong = dataclasses.replace(model, plant=attach(model.plant, [stiff], channels=[]))
+    (alone,), (with_right,) = check([run], wrong, None), check([run], wrong, model)
+    assert (
+        alone.before < 0.5 * with_right.before
+    )  # in parts, and over all of the recording that the right model explains
+    assert coarse_steps(wrong, [run]) == ""
 
 
 def test_what_loses_a_recording_explains_nothing_however_far_off_the_other_model_is():

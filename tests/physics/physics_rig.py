@@ -151,6 +151,15 @@ PORT_VALUES: dict[str, tuple[str, dict[str, float]]] = {
     "structural-damping": ("joint:b", {"loss": 60.0, "centre": 4.0}),
     "coil-force-over-travel": ("joint:a", {"loss": 150.0}),
     "rotary-inertia": ("joint:b", {"inertia": 0.2}),
+    "unknown-law": (
+        "joint:a",
+        {
+            "reach": 8e-3,
+            "speed": 0.2,
+            **{f"displacement_{side}_{k}": 0.2 * k for side in ("positive", "negative") for k in (1, 2, 3)},
+            **{f"velocity_{side}_{k}": 0.5 / k for side in ("positive", "negative") for k in (1, 2, 3)},
+        },
+    ),
 }
 """Of every effect at ports but tension-error: a place on the chain and values that show."""
 

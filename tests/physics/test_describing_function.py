@@ -21,7 +21,7 @@ NONLINEAR = {
     *("smooth-friction", "stribeck-friction", "dead-band", "stop", "jenkins-slip", "bouc-wen", "lugre-friction"),
     *("plastic-set", "actuator-clipping", "soft-saturation", "actuator-dead-zone", "slew-limit", "rate-limit"),
     *("actuator-quantisation", "sensor-clipping", "sensor-soft-saturation", "sensor-quantisation"),
-    *("iwan-slip", "actuator-hysteresis"),
+    *("iwan-slip", "actuator-hysteresis", "unknown-law"),
 }
 
 

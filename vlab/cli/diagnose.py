@@ -14,7 +14,7 @@ from vlab.diagnose.pipeline import diagnose
 from vlab.errors import BadExperiment
 from vlab.files.output_folder import output_folder, write_manifest
 from vlab.files.text import in_line
-from vlab.physics.catalogue import EFFECTS, effect_named
+from vlab.physics.catalogue import CANDIDATES, effect_named
 
 OF_THE_FIT_ALONE = (
     "The effect that explains the fit recordings has no effect on the held-out recordings: nothing is verified."
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         raise BadExperiment(f"--time-limit is {arguments.time_limit:g}; give a positive number of seconds")
     case = load_case(arguments.case, allow_outside=arguments.allow_outside)
     own = [effect_named(name, code=[code_of(name)]) for name in arguments.effect]
-    effects = [*EFFECTS.values(), *own]
+    effects = [*CANDIDATES, *own]
     names = [effect.name for effect in effects]
     for effect in own:
         if names.count(effect.name) > 1:

@@ -44,7 +44,7 @@ from vlab.diagnose.validation.gap import explained_share, gap_closed, total, ver
 from vlab.diagnose.validation.response_checks import check_responses
 from vlab.diagnose.validation.simulation import Ablations
 from vlab.diagnose.verdict import is_partial_explanation
-from vlab.physics.catalogue import EFFECTS
+from vlab.physics.catalogue import CANDIDATES, EFFECTS
 from vlab.physics.effect import Effect, PickUp
 
 FORMS = ("m/N", "m/s/N", "m/s^2/N")
@@ -122,7 +122,7 @@ def diagnose_frequency(
     file = check_responses(problem)
     if file.of("fatal"):
         return reject_case(case, file, time.monotonic() - began)
-    found = search_frequency(problem, list(effects) or list(EFFECTS.values()), lambda s, what: report(0.85 * s, what))
+    found = search_frequency(problem, list(effects) or list(CANDIDATES), lambda s, what: report(0.85 * s, what))
     choice = _chosen(found)
     fit_before = found.before.fit
     fit = choice.best.fit

@@ -34,6 +34,7 @@ from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLine
 from vlab.diagnose.search.sampling_convention import said
 from vlab.diagnose.search.selection import TimeFound
 from vlab.diagnose.validation.gap import explained_share
+from vlab.diagnose.validation.next_experiment import experiments, in_words
 from vlab.diagnose.validation.simulation import Checked, ExtendedModel, check, coarse_steps, extended, with_finer_steps
 from vlab.diagnose.verdict import (
     closes_gap,
@@ -44,8 +45,11 @@ from vlab.diagnose.verdict import (
     is_within_noise,
     residual_note,
 )
-from vlab.physics.catalogue import EFFECTS
+from vlab.physics.catalogue import CANDIDATES, LAST_RESORT
 from vlab.physics.effect import Effect
+
+UNKNOWN_LAW = "no effect of the catalogue explains the recordings; a tabulated force at the place does"
+"""Note on a finding of last resort."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,7 +121,7 @@ def diagnose(
         return diagnose_frequency(case, effects=effects, progress=progress)
     return _Pass(
         whole_case=case,
-        effects=list(effects) or list(EFFECTS.values()),
+        effects=list(effects) or list(CANDIDATES),
         report=progress or (lambda share, what: None),
         began=time.monotonic(),
         deadline=Deadline.after(time_limit),
@@ -217,7 +221,22 @@ class _Pass:
             again = replace(self, whole_case=other.of(self.whole_case), told=said([other.words]), checked_file=file)
             return again.run()
         judged = self._judge(searched, self._confirm(searched))
-        return judged.run() if isinstance(judged, _Pass) else self._diagnosed(searched, judged)
+        if isinstance(judged, _Pass):
+            return judged.run()
+        return self._tabulated(searched, judged) or self._diagnosed(searched, judged)
+
+    def _tabulated(self, searched: _Searched, judged: _Judged) -> Diagnosed | None:
+        """Return the diagnosis with a tabulated force, where no effect explains the recordings."""
+        if judged.verdict != "none-of-these" or self.deadline.is_past:
+            return None
+        self.report(0.95, "fitting a tabulated force")
+        last = replace(self, effects=LAST_RESORT, told="; ".join(filter(None, [self.told, UNKNOWN_LAW])))
+        found = searched.model_class.search(LAST_RESORT, lambda share, what: None, self.deadline)
+        searched = replace(searched, found=found)
+        again = last._judge(searched, last._confirm(searched))
+        if isinstance(again, _Pass) or again.verdict not in NAMING:
+            return None
+        return last._diagnosed(searched, replace(again, verdict="unknown-law"))
 
     def _search(self, case: Case, file: FileCheck, static_offsets: Sequence[StaticOffset]) -> _Searched:
         """Return the result of the search."""
@@ -286,7 +305,7 @@ class _Pass:
                 judged = replace(judged, fit=fit, after=seen.on(extended(problem, fit)))
         if verdict == "none-of-these" and not searched.is_structure:
             finer_before = with_finer_steps(judged.before)
-            coarse = coarse_steps(judged.before, tried.checked, check(searched.runs, finer_before, None))
+            coarse = coarse_steps(judged.before, searched.runs)
             if coarse:
                 finer = replace(trials, change=with_finer_steps)
                 again, second = tried_with(finer, fit)
@@ -324,7 +343,7 @@ class _Pass:
         else:  # the extended model holds reported findings only
             after, fit = judged.before, judged.confirmed.before
             checked = [c.without_findings() for c in checked]
-        if verdict == "partly-explained":
+        if verdict in ("partly-explained", "unknown-law"):
             findings = graded(findings, choice, explained_share(checked) or 0.0)
         findings, attempt, seen = one_per_law(findings), judged.attempt, judged.seen
         diagnosis = Diagnosis(
@@ -335,7 +354,8 @@ class _Pass:
             checked=tuple(checked),
             mismatch=_mismatch(checked),
             not_excluded=(*not_excluded(choice, verdict), *implausible_parameters(problem.parameters, fit.theta)),
-            next_measurement=next_measurement(choice, verdict, [f.effect for f in findings], attempt),
+            next_measurement=_separating_experiment(searched, judged)
+            or next_measurement(choice, verdict, [f.effect for f in findings], attempt),
             attempt=attempt,
             quality=(*seen.damage.lines, *(_interference_note(hum) for hum in seen.benign_interferences)),
             notes=self._notes(searched, judged, checked),
@@ -374,6 +394,20 @@ class _Pass:
             *judged.confirmed.rejected,
             *searched.model_class.notes,
         )
+
+
+def _separating_experiment(searched: _Searched, judged: _Judged) -> str:
+    """Return the experiment that separates the two leading rivals, or ""."""
+    tried = judged.attempt or judged.tried
+    leading = [h for h, _ in judged.choice.tried if h.terms]
+    if judged.verdict == "missing-physics":  # what is clearly less probable is no rival
+        leading = [h for h in judged.choice.alike if h.terms]
+    best = {term.effect.physics for term in leading[0].terms} if leading else set()
+    other = next((h for h in leading[1:] if {term.effect.physics for term in h.terms} != best), None)
+    if other is None or tried is None or judged.verdict not in {*NAMING, "none-of-these"}:
+        return ""
+    one, two = (extended(searched.problem, h.long_fit) for h in (leading[0], other))
+    return in_words(experiments(one, two, searched.runs, tried.checked), leading[0].label, other.label)
 
 
 def _on_fit_runs(trials: Trials, fit: Fit, terms: Sequence[Finding]) -> Sequence[Checked]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from vlab.controllers.user_law import FAILURES, check_code, class_from_file, is_user_law
 from vlab.errors import BadExperiment, unknown_name
-from vlab.physics import actuator_memory, actuators, port_linear, port_memory, port_nonlinear, sensors, servo
+from vlab.physics import actuator_memory, actuators, port_linear, port_memory, port_nonlinear, sensors, servo, tabulated
 from vlab.physics.effect import Effect
 
 EFFECTS: dict[str, Effect] = {
@@ -40,6 +40,7 @@ EFFECTS: dict[str, Effect] = {
         port_memory.PlasticSet(),
         port_memory.AttachedOscillator(),
         port_memory.StructuralDamping(),
+        tabulated.TabulatedForce(),
         actuators.ActuatorGain(),
         actuators.ActuatorOffset(),
         actuators.Clipping(),
@@ -76,6 +77,10 @@ EFFECTS: dict[str, Effect] = {
     )
 }
 """Effects by name."""
+CANDIDATES: tuple[Effect, ...] = tuple(effect for effect in EFFECTS.values() if not effect.is_last_resort)
+"""Effects that every search tries."""
+LAST_RESORT: tuple[Effect, ...] = tuple(effect for effect in EFFECTS.values() if effect.is_last_resort)
+"""Effects that are tried where none of `CANDIDATES` explains the recordings."""
 
 
 ALIASES = {

@@ -137,6 +137,8 @@ class Effect(ABC):
     not show the change. The law's amplitude is then a stiffness of the changed element."""
     is_linear: ClassVar[bool] = False
     """Whether the effect adds mass, damping or stiffness."""
+    is_last_resort: ClassVar[bool] = False
+    """Whether the effect is tried only where no other effect explains the recordings."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

@@ -212,6 +212,10 @@ _LISTED = (
         related=frozenset({"nonlinear-stiffness", "clearance"}),
         tested_by="the same excitation at a level that does not reach the contact: what was found must be gone",
     ),
+    Family(
+        name="unknown-law",
+        tested_by="force and motion recorded at the place itself, in slow cycles at three amplitudes: the table must follow",
+    ),
     Family(name="bias", shows_without_drive=True, tested_by="readings at rest with the drive switched off and on"),
     Family(
         name="disturbance",

@@ -52,6 +52,8 @@ class ForwardSelection:
     def extend(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Return hypotheses with all that the selection fits, by score.
 
+        The first effect is selected anew, since windows hide weak dissipation that whole runs show.
+
         Parameters
         ----------
         hypotheses : sequence of Hypothesis
@@ -63,7 +65,7 @@ class ForwardSelection:
             All hypotheses; of each set of effects the one of best score.
         """
         out = list(hypotheses)
-        level = self._first_level(hypotheses)
+        level = [self.before]
         while self._goes_on([*out, self.before]) and len(level[0].terms) < FORWARD_SELECTION.most_effects:
             further = by_score(*(self._beside(seed) for seed in self._seeds(level)))
             count = len(level[0].terms) + 1
@@ -77,16 +79,6 @@ class ForwardSelection:
                 break
             level = larger
         return best_of_labels(out)
-
-    def _first_level(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Return the hypotheses with as many effects as the best one.
-
-        The calibrated model stands where none is better.
-        """
-        order = by_score(hypotheses)
-        if not order or gain_beyond(order[0], self.before) <= 0.0:
-            return [self.before]
-        return best_of_labels([h for h in order if len(h.terms) == len(order[0].terms)])
 
     def _goes_on(self, hypotheses: Sequence[Hypothesis]) -> bool:
         """Return whether there is time, and the best hypothesis leaves too much of whole runs."""

@@ -21,7 +21,7 @@ from vlab.diagnose.search.sampling_convention import score_by_timing
 from vlab.diagnose.search.selection import TimeFound, search
 from vlab.diagnose.search.trajectory_selection import search_moving
 from vlab.diagnose.settings import HYPOTHESIS_FITS, MODEL_CLASS
-from vlab.physics.catalogue import EFFECTS
+from vlab.physics.catalogue import CANDIDATES
 from vlab.physics.effect import Effect
 from vlab.signals import Array
 
@@ -97,7 +97,7 @@ class TrajectoryLinearised:
 
 
 def choose_model_class(
-    case: Case, effects: Sequence[Effect] = tuple(EFFECTS.values())
+    case: Case, effects: Sequence[Effect] = CANDIDATES
 ) -> LinearTimeInvariant | TrajectoryLinearised:
     """Choose the model class of a case and screen it.
 

@@ -7,6 +7,7 @@ from vlab.diagnose.inference.hypothesis_fits import (
     by_score,
     each_fitted,
     finished,
+    floor_of,
     on_whole_runs,
     other_places,
     pairs_fitted,
@@ -79,7 +80,10 @@ def search_moving(
     of_count = [[h for h in hypotheses if len(h.terms) == n] for n in (1, 2)]
     hypotheses = by_score(*(on_whole_runs(whole, narrow, some) for some in of_count))
     report(0.9, "adding effects")
-    selection = ForwardSelection(before=before, windows=narrow, whole=whole, candidates=candidates, deadline=deadline)
+    enough = SELECTION.explains * floor_of(whole)
+    selection = ForwardSelection(
+        before=before, windows=narrow, whole=whole, candidates=candidates, enough=enough, deadline=deadline
+    )
     hypotheses = selection.extend(hypotheses)
     places = other_places(narrow, hypotheses[0], candidates, before.fit) if hypotheses else {}
     return TimeFound(

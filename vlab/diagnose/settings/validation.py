@@ -55,6 +55,9 @@ class ValidationSettings:
     blocks: int = 8
     """blocks [1]: parts of a recording whose errors count as independent in a test between models, at least 2; default
     untested. Raising it overstates the evidence of correlated errors."""
+    levels: tuple[float, ...] = (1.0 / 3.0, 1.0, 3.0)
+    """levels [1]: factors on a recorded excitation that a next experiment may have, above 0; default half a decade to
+    each side, untested. Raising them asks more of the rig."""
 
 
 FREQUENCY_VALIDATION = FrequencyValidationSettings()

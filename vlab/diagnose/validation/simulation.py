@@ -296,17 +296,18 @@ def with_finer_steps(model: ExtendedModel) -> ExtendedModel:
     return replace(model, plant=at_timestep(model.plant, model.plant.timestep / VALIDATION.finer))
 
 
-def coarse_steps(model: ExtendedModel, checked: Sequence[Checked], finer: Sequence[Checked]) -> str:
+def coarse_steps(model: ExtendedModel, runs: Sequence[Run]) -> str:
     """Return a note where shorter time steps change runs.
 
-    The change must exceed the noise. No physics compensates integration error.
+    The change must exceed the noise. No physics compensates integration error. Both models are simulated over the same
+    parts of every run.
 
     Parameters
     ----------
     model : ExtendedModel
         Calibrated model.
-    checked, finer : sequence of Checked
-        Runs with the model's own and with shorter steps.
+    runs : sequence of Run
+        Recordings.
 
     Returns
     -------
@@ -314,8 +315,8 @@ def coarse_steps(model: ExtendedModel, checked: Sequence[Checked], finer: Sequen
         Note, or "".
     """
     worst, where = 0.0, ""
-    for own, other in zip(checked, finer, strict=True):
-        one, two = own.simulated[1], other.simulated[1]
+    for own in check(runs, model, with_finer_steps(model)):
+        _, one, two = own.simulated
         if one is None or two is None:
             continue
         moved = [_rms(one[name] - two[name]) / np.std(own.measured[name]) for name in own.channels]

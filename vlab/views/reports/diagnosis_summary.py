@@ -25,6 +25,11 @@ def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
     )
     if diagnosis.is_naming:
         names = " and ".join(f"{f.effect.replace('-', ' ')} at {f.site}" for f in diagnosis.findings)
+        if diagnosis.verdict == "unknown-law":
+            return (
+                f"No effect of the catalogue explains the recordings; a tabulated force at {diagnosis.findings[0].site} explains "
+                f"{100 * (diagnosis.explained or 0.0):.0f} % of the mean-square mismatch on {where}."
+            )
         if diagnosis.verdict != "missing-physics":
             return (
                 f"The model leaves out {names}, and more: the extended model explains {100 * (diagnosis.explained or 0.0):.0f} % of the "
