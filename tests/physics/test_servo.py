@@ -45,7 +45,7 @@ def bench(plant, effects):
     return attach(plant, values)
 
 
-def angles(plant, *, command=0.0, load=0.0, start=0.0, rate=0.0, seconds=1.5):
+def angles(plant, *, command=0.0, load=0.0, start=0.0, rate=0.0, seconds=3.0):
     """Return times and angles of a run under a constant command and load."""
     data = plant.new_data()
     data.qpos[0], data.qvel[0] = start, rate
