@@ -48,8 +48,8 @@ class Parameter:
         the screening tries the values of `grid`.
     reference : str
         Scale of `grid`, `low` and `high`: the largest recorded displacement or velocity at the place, the largest
-        input, the largest slope of input or output, the duration, the sample period, or a servo's largest position
-        error or force. "" for no scale.
+        input, the largest slope of input or output, the duration, or the sample period. Of a servo: the largest
+        position error or force. "" for no scale.
     grid : tuple of float
         Trial values of the screening.
     signed : bool

@@ -89,7 +89,10 @@ _Source = Callable[[Any, Array], float]
 
 
 def _source(plant: Plant, a: AtPort) -> _Source:
-    """Return the command that a law sees: of a servo with a filter, the filter's state."""
+    """Return the source of the command that a law sees.
+
+    The source of a servo with a filter is the filter's state.
+    """
     if a.coil is None:
         return lambda data, commands: 0.0
     coil = a.coil

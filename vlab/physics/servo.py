@@ -1,7 +1,7 @@
 """Effects inside the loop of a position servo.
 
-A position servo is an actuator of MuJoCo with fixed gain kp and affine bias -kp l - kv l', and with the length l of its
-transmission. With the command u and the position error e = u - l, the force is kp e - kv l', within the force limits.
+A position servo is an actuator of MuJoCo with fixed gain kp and affine bias -kp l - kv l'. The length of its
+transmission is l. With the command u and the position error e = u - l, the force is kp e - kv l', within the force limits.
 An effect replaces this force; the law is the difference between the changed force and the modelled force. An error e
 contains the command and the motion, so `actuator-gain`, which changes commands alone, is another law.
 """
