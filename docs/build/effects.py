@@ -9,7 +9,7 @@ import mkdocs_gen_files
 import numpy as np
 from matplotlib.figure import Figure
 
-from vlab.cli.effects import NEEDS, PLACES
+from vlab.cli.effects import places_of
 from vlab.physics.catalogue import ALIASES, EFFECTS
 from vlab.physics.effect import (
     ActuatorEffect,
@@ -21,6 +21,7 @@ from vlab.physics.effect import (
     SensorEffect,
     Step,
 )
+from vlab.physics.servo import Servo, ServoEffect, at_servo
 from vlab.signals import Array
 
 PAGE = "reference/effects.md"
@@ -34,6 +35,8 @@ CYCLES, PER_CYCLE = 4, 2000
 """Cycles of the motion that a port's figure is made of, and samples of each; the last two cycles are drawn."""
 OWN_STIFFNESS = 1.0
 """Stiffness of the elastic element at the port [N/mm in the figures' units]."""
+SERVO = Servo(gain=1.0, damping=0.05, limits=(-1.5, 1.5))
+"""Servo of the figures: gains in N/mm and N s/mm, limits of the force in N."""
 SIGNAL_SAMPLES = 120
 """Samples of the command or motion that figures of actuators and sensors show, 1 s long."""
 CHOSEN = {
@@ -57,6 +60,8 @@ CHOSEN = {
     ("lugre-friction", "bristle"): 0.06,
     ("stop", "gap"): 0.6,
     ("dead-band", "gap"): 0.4,
+    ("servo-error-dead-zone", "threshold"): 0.3,
+    ("servo-force-limit", "limit"): 0.6,
     ("sinusoidal-force", "frequency"): 3.0,
     ("attached-oscillator", "frequency"): 1.3,
     ("attached-oscillator", "damping_ratio"): 0.25,
@@ -110,8 +115,9 @@ def port_figure(effect: PortEffect | LinearPortEffect) -> tuple[Figure, str]:
     """Draw force over displacement and over velocity, or over time where the law depends on that; and say what is shown."""
     t, z, v, _ = motion()
     units = {"displacement": 1.0, "velocity": 2 * np.pi, "input": 1.0, "": 1.0, "step": 1.0 / PER_CYCLE}
+    units |= {"error": 1.0, "servo-force": 1.0}
     values = {p.name: shape(effect, p, units.get(p.reference, 1.0)) for p in effect.shapes}
-    command = np.ones(len(t))
+    command = np.zeros(len(t)) if isinstance(effect, ServoEffect) else np.ones(len(t))
     for p in effect.amplitudes:  # each with a force of its own of about one newton
         alone = {**values, **{q.name: 0.0 for q in effect.amplitudes}, p.name: 1.0}
         size = float(np.max(np.abs(port_force(effect, alone, command))))
@@ -139,6 +145,8 @@ def port_figure(effect: PortEffect | LinearPortEffect) -> tuple[Figure, str]:
         axes.axvline(0.0, color=GREY, lw=0.6)
     if "coil" in effect.needs:
         return figure, "Force of the coil under a constant command of 1 N and a vibration of 1 Hz and 1 mm."
+    if isinstance(effect, ServoEffect):
+        return figure, "Change of a servo's force under a command of zero and a vibration of 1 Hz and 1 mm."
     what = "displacement and time" if is_of_time else "displacement and velocity"
     return figure, f"Force over {what} under a vibration of 1 Hz and 1 mm."
 
@@ -217,6 +225,8 @@ def svg(figure: Figure) -> str:
 def draw(effect: Effect) -> tuple[Figure, str]:
     """Draw the figure of an effect."""
     with mpl.rc_context({"font.size": 8, "axes.spines.top": False, "axes.spines.right": False}):
+        if isinstance(effect, ServoEffect):
+            effect = at_servo(effect, SERVO)
         if isinstance(effect, (PortEffect, LinearPortEffect)):
             return port_figure(effect)
         assert isinstance(effect, (ActuatorEffect, SensorEffect))
@@ -241,7 +251,7 @@ def parameter_row(p: Parameter) -> str:
     references = {
         "displacement": "largest displacement", "velocity": "largest velocity", "input": "largest input",
         "input-slope": "largest slope of the input", "output": "largest output", "duration": "duration",
-        "step": "sample period",
+        "step": "sample period", "error": "largest position error", "servo-force": "largest force of the servo",
     }  # fmt: skip
     of = f" × {references[p.reference]}" if p.reference else f" {p.unit}" if p.unit != "1" else ""
     sign = "±" if p.signed and p.low > 0 else ""
@@ -255,13 +265,12 @@ def section(effect: Effect) -> str:
     with mkdocs_gen_files.open(f"reference/effects/{effect.name}.svg", "w") as file:
         file.write(svg(figure))
     also = [f"`{alias}`" for alias, name in ALIASES.items() if name == effect.name]
-    places = ", ".join([PLACES[effect.kind], *(NEEDS[need] for need in effect.needs)])
     lines = [
         f"### {effect.name}", "",
         sentence(effect.words), "",
         f"Law: `{effect.law}`", "",
         f"- Family: {effect.family}.",
-        f"- Places: {places}.",
+        f"- Places: {places_of(effect)}.",
     ]  # fmt: skip
     if effect.form_of:
         lines.append(f"- Form of [{effect.form_of}](#{effect.form_of}). Reports use the name `{effect.form_of}`.")

@@ -143,8 +143,8 @@ def test_a_gap_that_a_refit_closes_is_none_that_a_finding_closes():
     assert closes_gap([replace(grazed, bare=0.3, parts=(part(50.0, 0.3),))], is_structure=False)
 
 
-def verdict(checked, fitted):
-    choice = SimpleNamespace(best=SimpleNamespace(terms=(1,)), gained=1.0, is_prior_driven=False)
+def verdict(checked, fitted, *, is_prior_driven=False):
+    choice = SimpleNamespace(best=SimpleNamespace(terms=(1,)), gained=1.0, is_prior_driven=is_prior_driven)
     seen = SimpleNamespace(damage=SimpleNamespace(fatal=(), warnings=()), is_missing=False, steps=(), stops=())
     return decide_verdict(choice, checked, seen, is_structure=False, fitted=lambda: fitted)
 
@@ -164,6 +164,15 @@ def test_what_no_recording_kept_aside_can_verify_is_not_reported_as_found():
     told = distance(bare=0.5, parts=(part(500.0, 0.5),))
     assert verdict([told, idle_note], fitted) == "missing-physics"  # the other one can
     assert verdict([told], fitted) == "missing-physics"
+
+
+def test_a_calibration_that_follows_only_with_implausible_values_is_a_finding():
+    # the refit comes within half a per cent, above the noise, by a value many standard deviations away
+    near = distance(nominal=0.075, calibrated=0.0024, after=0.0023, noise=0.0012, bare=0.075, parts=(part(9e3, 0.075),))
+    assert verdict([near], [near]) == "nothing-missing"
+    assert verdict([near], [near], is_prior_driven=True) == "missing-physics"
+    worse = replace(near, after=0.01)
+    assert verdict([worse], [worse], is_prior_driven=True) == "nothing-missing"
 
 
 def test_a_finding_names_the_recordings_that_verify_it_and_the_largest_comes_first():

@@ -14,6 +14,7 @@ from vlab.diagnose.predictors import integration as marching
 from vlab.diagnose.predictors.integration import _remember, acting_order, integrate
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Parameter, PortEffect, Step
+from vlab.physics.servo import Servo, ServoEffect, at_servo
 
 H, N, SETS = 0.004, 477, 3
 LAWS = {
@@ -27,7 +28,9 @@ LAWS = {
     "coil-force-over-travel": {"loss": 3.0},
     "stribeck-friction": {"force": 0.2, "excess": 0.2, "speed": 0.1},
 }
-PORTS = [e for e in EFFECTS.values() if isinstance(e, PortEffect)]
+SERVO = Servo(gain=2.0, damping=0.3)
+_PORTS = [e for e in EFFECTS.values() if isinstance(e, PortEffect)]
+PORTS = [at_servo(e, SERVO) if isinstance(e, ServoEffect) else e for e in _PORTS]
 
 
 def place(name: str, row: list[float]) -> Place:

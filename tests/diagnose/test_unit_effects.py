@@ -13,9 +13,12 @@ from vlab.diagnose.predictors.kalman import FilterGains, filter_gains, run_filte
 from vlab.diagnose.predictors.unit_effects import commands_changed, port_series, unit_amplitudes
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import ActuatorEffect, PortEffect, Step
+from vlab.physics.servo import Servo, ServoEffect, at_servo
 
 H = 0.004
-PORTS = [e for e in EFFECTS.values() if isinstance(e, PortEffect)]
+SERVO = Servo(gain=2.0, damping=0.3)
+_PORTS = [e for e in EFFECTS.values() if isinstance(e, PortEffect)]
+PORTS = [at_servo(e, SERVO) if isinstance(e, ServoEffect) else e for e in _PORTS]
 SIGNS = [e for e in EFFECTS.values() if isinstance(e, ActuatorEffect)]
 
 
@@ -44,7 +47,7 @@ def test_a_force_is_the_sum_of_its_amplitudes_times_their_units(effect):
     sizes = rng.uniform(0.3, 2.0, len(units))
     values = {**shape, **{p.name: s for p, s in zip(effect.amplitudes, sizes, strict=True)}}
     whole = port_series(effect, z, v, values, H, command=0.7)
-    parts = [s * port_series(effect, z, v, u, H, command=0.7) for s, u in zip(sizes, units, strict=True)]
+    parts = [s / effect.probe * port_series(effect, z, v, u, H, command=0.7) for s, u in zip(sizes, units, strict=True)]
     assert np.abs(whole).max() > 0
     np.testing.assert_allclose(sum(parts), whole, atol=1e-9 * np.abs(whole).max())
 

@@ -10,8 +10,11 @@ from vlab.diagnose.kernels.expression_graph import evaluate, series
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Parameter, PortEffect, Step
 from vlab.physics.expression import CODE, OPERATIONS, trace_expression
+from vlab.physics.servo import Servo, ServoEffect, at_servo
 
-PORTS = [e for e in EFFECTS.values() if isinstance(e, PortEffect)]
+SERVO = Servo(gain=2.0, damping=0.3)
+_PORTS = [e for e in EFFECTS.values() if isinstance(e, PortEffect)]
+PORTS = [at_servo(e, SERVO) if isinstance(e, ServoEffect) else e for e in _PORTS]
 ALONG_MOTION = [e for e in PORTS if "coil" not in e.needs and (e.family != "friction" or e.memory(()))]
 """The others need to know more of a step."""
 H, N, WIDTH = 0.003, 200, 5

@@ -34,7 +34,7 @@ _NAMED = {
     "geom": ("mass",),
     "joint": ("stiffness", "damping", "armature"),
     "tendon": ("stiffness", "damping", "armature"),
-    "actuator": ("gain",),
+    "actuator": ("gain", "velocity-gain"),
     "sensor": ("gain",),
 }
 """Uncertain quantities by type of element; a geom's mass is the mass of its body."""

@@ -15,6 +15,7 @@ UNCERTAIN_KINDS = (
     "tension",
     "frequency",
     "gain",
+    "velocity-gain",
     "sensor",
     "place",
     "delay",

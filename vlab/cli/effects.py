@@ -25,6 +25,10 @@ NEEDS = {
 }
 
 
+SERVO = "an actuator that is a position servo of a joint or tendon: actuator:shoulder"
+"""Places of effects within a servo's loop."""
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
@@ -39,15 +43,21 @@ def run(arguments: argparse.Namespace) -> Outcome:
     return Outcome(document=document, text="\n\n".join(_text(entry) for entry in document))
 
 
+def places_of(effect: Effect) -> str:
+    """Return the places of an effect in words."""
+    if "servo" in effect.needs:
+        return SERVO
+    return ", ".join([PLACES[effect.kind], *(NEEDS[need] for need in effect.needs)])
+
+
 def _plain(effect: Effect) -> dict[str, Any]:
-    places = ", ".join([PLACES[effect.kind], *(NEEDS[need] for need in effect.needs)])
     return {
         "name": effect.name,
         "also": [alias for alias, name in ALIASES.items() if name == effect.name],
         "form_of": effect.form_of,
         "family": effect.family,
         "law": effect.law,
-        "places": places,
+        "places": places_of(effect),
         "parameters": [
             {
                 "name": p.name, "unit": p.unit, "low": p.low, "high": p.high, "in_multiples_of": p.reference,

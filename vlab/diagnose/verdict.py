@@ -281,6 +281,7 @@ def decide_verdict(
     if (choice.best.terms or seen.is_missing) and closes_gap(checked, is_structure=is_structure):
         return "missing-physics"
     is_followed = errors["before"] <= VERDICT.above_noise * errors["noise"] or (is_structure and not unexplained)
+    is_followed = is_followed or (choice.is_prior_driven and not unexplained)  # with implausible parameters
     # no gap remains where quantisation counts as noise, or no hold-out recording reaches a limit
     shows = bool(seen.steps or seen.stops) and errors["after"] <= GAP.no_worse * errors["before"]
     tests = not all(run.is_idle for run in checked)

@@ -164,7 +164,7 @@ class ActuatorOffset(ActuatorEffect):
     name = "actuator-offset"
     family = "bias"
     law = "force = u + u0"
-    words = "a constant is added to an actuator's command: an amplifier's offset"
+    words = "a constant is added to an actuator's command: an amplifier's offset, the zero of a servo's encoder"
     parameters: ClassVar = (Parameter(name="offset", unit="N", low=1e-4, high=10.0, reference="input", signed=True),)
 
     def actuate(self, u: Array, p: Values, h: float) -> Array:

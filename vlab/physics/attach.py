@@ -21,6 +21,7 @@ from vlab.errors import BadExperiment, unknown_name
 from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PortEffect, SensorEffect
 from vlab.physics.native import add_numbers, add_springs, numbers, springs
 from vlab.physics.running import AtActuator, AtPort, AtSensor, small_motion, tap_index
+from vlab.physics.servo import ServoEffect, at_servo, put_into, servo_of, servo_port
 from vlab.plants.base import Plant, Port
 from vlab.plants.element_ports import constant_port
 from vlab.plants.equilibrium import settle
@@ -113,11 +114,14 @@ def attach(plant: Plant, effects: Sequence[Attached], *, channels: Sequence[str]
         else:
             port = _port(plant, one)
             own = numbers(plant, one.effect, one.place, one.values) if isinstance(plant, MjcfPlant) else None
-            if own is None:
+            is_native = own is not None or isinstance(one.effect, ServoEffect)
+            changed = copy.copy(plant.model) if is_native and model is None else model
+            if own is not None:
+                add_numbers(changed, one.place, own)
+            elif not _in_actuator(changed, plant, one):
                 running.append(_at_port(plant, one, port))
                 continue
-            model = copy.copy(plant.model) if model is None else model
-            add_numbers(model, one.place, own)
+            model = changed
     if model is not None:
         assert isinstance(plant, MjcfPlant)
         mujoco.mj_setConst(model, mujoco.MjData(model))
@@ -233,7 +237,7 @@ def port_at(plant: Plant, place: str) -> Port:
     plant : Plant
         Plant with its ports and transducers.
     place : str
-        Port name, ``coil:NAME`` (the coil's position), ``body:NAME``, ``site:NAME`` or ``floor``.
+        Port name, ``actuator:NAME`` (a position servo), ``coil:NAME`` (the coil's position), ``body:NAME``, ``site:NAME`` or ``floor``.
 
     Returns
     -------
@@ -248,6 +252,9 @@ def port_at(plant: Plant, place: str) -> Port:
     if place in plant.ports:
         return plant.ports[place]
     kind, _, name = place.partition(":")
+    index = tap_index(plant.actuators, place) if kind == "actuator" else None
+    if index is not None and (servo := servo_port(plant, index)) is not None:
+        return servo
     if kind in ("coil", "sensor", "amplifier") and name:
         every: tuple[Any, ...] = (*plant.actuators, *plant.sensors)
         taps = [tap for tap in every if name in (tap.at, tap.name)]
@@ -287,6 +294,8 @@ def _port(plant: Plant, one: Attached) -> Port:
         wrong = "a body or a site takes added-mass only; a site along one axis, such as site:tip.x, takes forces"
     elif port.tag == "floor" and one.effect.name not in ("sinusoidal-force", "force-offset"):
         wrong = "the floor takes sinusoidal-force and force-offset only"
+    elif ("servo" in needs) != one.place.startswith("actuator:"):
+        wrong = "effects of a servo go with a position servo, as in actuator:NAME, and nothing else does"
     elif "coil" in needs and coil_at(plant, port) is None:
         wrong = "no actuator acts along it"
     if wrong:
@@ -296,6 +305,11 @@ def _port(plant: Plant, one: Attached) -> Port:
 
 def _at_port(plant: Plant, one: Attached, port: Port) -> AtPort:
     assert isinstance(one.effect, (PortEffect, LinearPortEffect))
+    if isinstance(one.effect, ServoEffect):
+        (i,) = actuators_at(plant, one.place)
+        servo = servo_of(plant, i)
+        assert servo is not None
+        return AtPort(effect=at_servo(one.effect, servo), port=port, values=one.values, coil=i)
     return AtPort(
         effect=one.effect,
         port=port,
@@ -456,6 +470,8 @@ def _in_actuator(model: Any, plant: Plant, one: Attached) -> bool:
     bool
         Whether the actuator could take the effect.
     """
+    if isinstance(one.effect, ServoEffect):
+        return put_into(model, plant, actuators_at(plant, one.place)[0], one.effect, one.values)
     if one.effect.kind != "actuator" or one.place == CHAIN:
         return False
     for i in actuators_at(plant, one.place):

@@ -6,7 +6,7 @@ from typing import Any
 
 from vlab.controllers.user_law import ENTRY, FAILURES, check_code, class_from_file, from_entry_point, is_user_law
 from vlab.errors import BadExperiment, unknown_name
-from vlab.physics import actuator_memory, actuators, port_linear, port_memory, port_nonlinear, sensors, tabulated
+from vlab.physics import actuator_memory, actuators, port_linear, port_memory, port_nonlinear, sensors, servo, tabulated
 from vlab.physics.effect import Effect
 
 EFFECTS: dict[str, Effect] = {
@@ -56,6 +56,11 @@ EFFECTS: dict[str, Effect] = {
         actuators.CoarseHold(),
         actuators.Jitter(),
         actuators.CoilForceOverTravel(),
+        servo.ServoPositionGain(),
+        servo.ServoVelocityGain(),
+        servo.ServoTorqueConstant(),
+        servo.ServoErrorDeadZone(),
+        servo.ServoForceLimit(),
         sensors.SensorGain(),
         sensors.SensorOffset(),
         sensors.SensorDrift(),
@@ -101,6 +106,8 @@ ALIASES = {
     "magnetic-hysteresis": "actuator-hysteresis",
     "coil-inductance": "actuator-lag",
     "filter-corner": "actuator-lag",
+    "servo-zero": "actuator-offset",
+    "servo-supply": "servo-torque-constant",
     "floor-motion": "sinusoidal-force",
     "draught": "sinusoidal-force",
     "force-hum": "sinusoidal-force",

@@ -28,7 +28,9 @@ SensorStep = Callable[[float, float, float], float]
 """True sample, its time [s] and the picked-up signal to the recorded sample."""
 
 Scan = Literal["", "delay", "period", "slope"]
-Reference = Literal["", "displacement", "velocity", "input", "input-slope", "output", "duration", "step"]
+Reference = Literal[
+    "", "displacement", "velocity", "input", "input-slope", "output", "duration", "step", "error", "servo-force"
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +49,8 @@ class Parameter:
         the screening tries the values of `grid`.
     reference : str
         Scale of `grid`, `low` and `high`: the largest recorded displacement or velocity at the place, the largest
-        input, the largest slope of input or output, the duration, or the sample period. "" for no scale.
+        input, the largest slope of input or output, the duration, or the sample period. Of a servo: the largest
+        position error or force. "" for no scale.
     grid : tuple of float
         Trial values of the screening.
     scan : str
@@ -108,8 +111,6 @@ IMPULSE = 4096
 corrections."""
 SETTLING = 512
 """SETTLING [samples]: default settling time of a sensor effect."""
-
-
 OWN_SHARE = 0.1
 """OWN_SHARE [1]: smallest share of an element's stiffness at which a law describes the element itself."""
 
@@ -130,7 +131,10 @@ class Effect(ABC):
     needs: ClassVar[tuple[str, ...]] = ()
     """Requirements on a place. For a port: ``"stiffness"`` (an elastic element), ``"coil"`` (an actuator along the
     port), ``"magnet"`` (an actuator, or no elastic element), ``"translation"`` or ``"rotation"``. ``"tension"``
-    means the rows of a stretched bar. For a sensor: ``"command"`` or ``"sensor"``, the kind of the picked-up signal."""
+    means the rows of a stretched bar, ``"servo"`` a position servo. For a sensor: ``"command"`` or ``"sensor"``, the
+    kind of the picked-up signal."""
+    probe: ClassVar[float] = 1.0
+    """Amplitude at which the screening evaluates a law; small where the law is linear in small amplitudes only."""
     form_of: ClassVar[str] = ""
     """Name of the effect of which this class is another form; reports use that name."""
     confirmed_by: ClassVar[str] = ""

@@ -156,6 +156,21 @@ _LISTED = (
         tested_by=_CALIBRATE,
     ),
     Family(
+        name="servo",
+        is_linear=True,
+        separated_by={
+            "gain": "a joint held against two known loads under one command: a position gain shows in the droop, a gain "
+            "of commands does not",
+            "mass": "a joint held against two known loads: only a position gain changes the droop",
+            "stiffness": "the droop under a known load with the drive on and off: a spring acts in both",
+            "damping": "the joint moved by hand with the drive off: only a damper still brakes",
+            "servo": "a joint held against two known loads, then a step of the command without load: the droop gives "
+            "the position gain, the overshoot the velocity gain",
+        },
+        tested_by="a joint held against two known loads under one command: the droop per load is one over the position "
+        "gain",
+    ),
+    Family(
         name="timing",
         is_shared=True,
         hardware="chain",

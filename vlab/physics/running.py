@@ -24,6 +24,7 @@ from vlab.physics.effect import (
     Step,
     Values,
 )
+from vlab.physics.servo import ServoEffect
 from vlab.plants.base import Plant, Port
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
@@ -83,6 +84,24 @@ class AtSensor:
     other: str = ""
 
 
+_Source = Callable[[Any, Array], float]
+"""MjData and commands to the command that a law sees."""
+
+
+def _source(plant: Plant, a: AtPort) -> _Source:
+    """Return the source of the command that a law sees.
+
+    The source of a servo with a filter is the filter's state.
+    """
+    if a.coil is None:
+        return lambda data, commands: 0.0
+    coil = a.coil
+    state = int(plant.model.actuator_actadr[plant.actuators[coil].controls[0]])
+    if isinstance(a.effect, ServoEffect) and state >= 0:
+        return lambda data, commands: float(data.act[state])
+    return lambda data, commands: float(commands[coil])
+
+
 class PortForces:
     """Port forces of one run, with their memory.
 
@@ -115,14 +134,14 @@ class PortForces:
         self._solve(data)
         self._moving = [i for i, port in enumerate(self._ports) if not port.is_constant]
         self._added, self._viscous, self._spring = np.zeros(n), np.zeros(n), np.zeros(n)
-        self._laws: list[tuple[int, PortEffect, Values, int | None]] = []
+        self._laws: list[tuple[int, PortEffect, Values, _Source]] = []
         self._memory: list[Any] = []
         for i, (a, _) in enumerate(lines):
             if isinstance(a.effect, LinearPortEffect):
                 mass, damping, stiffness = a.effect.impedance(a.values, a.stiffness)
                 self._added[i], self._viscous[i], self._spring[i] = mass + damping * self._h / 2, damping, stiffness
             else:
-                self._laws.append((i, a.effect, {k: float(v) for k, v in a.values.items()}, a.coil))
+                self._laws.append((i, a.effect, {k: float(v) for k, v in a.values.items()}, _source(plant, a)))
                 self._memory.append(a.effect.memory(()))
         self._last = np.zeros(n)
         """Forces of the laws in the last step. A force changes little in a step, so the last force stands for an
@@ -175,9 +194,8 @@ class PortForces:
             z += h / 2 * (v + h / 4 * (a + own))
         memory: list[Any] = []
         if self._laws:
-            (_, law, p, coil), after = self._laws[0], v + h * a
-            command = 0.0 if coil is None else float(commands[coil])
-            step = Step(h, data.time + h / 2, h * G, after, command, v)
+            (_, law, p, source), after = self._laws[0], v + h * a
+            step = Step(h, data.time + h / 2, h * G, after, source(data, commands), v)
             force, now = law.force(z, 0.5 * (v + after + h * own), p, step, self._memory[0])
             memory.append(now)
         else:
@@ -201,10 +219,10 @@ class PortForces:
                 shared = np.linalg.inv(np.eye(len(v)) + G * self._added)
                 a, G = shared @ a, shared @ G
         memory, t, expected = [], data.time + h / 2, self._last.copy()
-        for (i, law, p, coil), past in zip(self._laws, self._memory, strict=True):
+        for (i, law, p, source), past in zip(self._laws, self._memory, strict=True):
             before = float(v[i])
             after = before + h * float(a[i])
-            step = Step(h, t, h * float(G[i, i]), after, 0.0 if coil is None else float(commands[coil]), before)
+            step = Step(h, t, h * float(G[i, i]), after, source(data, commands), before)
             own = h * float(G[i] @ expected)
             force, now = law.force(float(z[i]), 0.5 * (before + after + own), p, step, past)
             memory.append(now)

@@ -26,7 +26,7 @@ from vlab.cases.timestamps import between_samples
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.trial_scan import Scales, best_values, scan_values
 from vlab.diagnose.kernels.parallel import side_by_side
-from vlab.diagnose.parameters.locations import Place, admissible
+from vlab.diagnose.parameters.locations import Place, admissible, at_place
 from vlab.diagnose.parameters.reduced_model import discretise
 from vlab.diagnose.parameters.terms import Candidate
 from vlab.diagnose.predictors.innovations import Cause, Group, convolved, impulses_of, middles
@@ -464,7 +464,7 @@ class ScoreTest:
             out: list[Candidate] = []
             for place in places:
                 mine = [
-                    effect
+                    at_place(effect, place)
                     for effect in effects
                     if admissible(effect, place) and (among is None or f"{effect.name}@{place.name}" in among)
                 ]
@@ -660,6 +660,8 @@ class ScoreTest:
                     part = x[group.first : length, i]
                     sizes.append(float(np.abs(part).max(initial=0.0)))
             return max(max(sizes), 1e-300)
+        if name in ("error", "servo-force"):
+            return max(max(self._of_servo(group, place, name) for group in self.groups), 1e-300)
         if name == "input":
             return max(max(float(np.abs(g.u[..., list(place.indices)]).max()) for g in self.groups), 1e-300)
         if name == "input-slope":
@@ -672,6 +674,14 @@ class ScoreTest:
         if name == "step":
             return max(g.h for g in self.groups)
         return 1.0
+
+    def _of_servo(self, group: Group, place: Place, name: str) -> float:
+        """Return a servo's largest position error, or its largest force."""
+        servo, (z, v) = place.servo, self.motion(group, place)
+        assert servo is not None
+        error = group.u[..., place.indices[0]] - servo.rest - z
+        x = error if name == "error" else servo.limited(servo.gain * error - servo.damping * v)
+        return max(float(np.abs(x[group.first : n, i]).max(initial=0.0)) for i, n in enumerate(group.lengths))
 
     def tones(self, place: Place) -> tuple[tuple[float, bool], ...]:
         """Return the frequencies of the strongest tones in the residual.
@@ -797,7 +807,7 @@ class ScoreTest:
         z, v = self.motion(group, place)
         own: Any = group.u[..., place.coil] if place.coil is not None else 0.0
         parts = [self._series(group, place, effect, values, z, v, own) for values in unit_amplitudes(effect, shape)]
-        return [Cause(series=np.stack(parts, axis=-1), force=place.rows[0])]
+        return [Cause(series=np.stack(parts, axis=-1) / effect.probe, force=place.rows[0])]
 
     def _series(
         self, group: Group, place: Place, effect: PortEffect, values: dict[str, float], z: Array, v: Array, command: Any

@@ -210,7 +210,14 @@ class TrajectoryScoreTest(ScoreTest):
     def _changes(self) -> Array:
         """Return the generalised forces of uncertain parameters along the motion."""
         plant = self.plant
-        middles = [_middle(self.stepper, a, c.h) for a, c in zip(self.systems, self.moving.trajectories, strict=True)]
+        middles = [
+            (
+                *_middle(self.stepper, a, c.h),
+                c.u @ plant.control_matrix.T,
+                np.zeros((len(c), 0)) if c.act is None else c.act,
+            )
+            for a, c in zip(self.systems, self.moving.trajectories, strict=True)
+        ]
 
         def column(parameter: Uncertain) -> Array:
             if not parameter.fields:
@@ -415,10 +422,11 @@ class TrajectoryScoreTest(ScoreTest):
             force = -mass * (a - self.lines_of(place).weight[:, None, None]) - damping * v - stiffness * z
             return np.einsum("lkrn,lkr->krn", rows, force)[..., None]
         assert isinstance(effect, PortEffect)
-        own: Any = group.u[..., place.coil] if place.coil is not None else 0.0
+        felt = self.commands(place.coil) if place.coil in self.stepper.lags else group.u[..., place.coil or 0]
+        own: Any = 0.0 if place.coil is None else felt
         with np.errstate(all="ignore"):  # a law too stiff for the samples diverges and is no candidate
             laws = [self._series(group, place, effect, u, z[0], v[0], own) for u in unit_amplitudes(effect, shape)]
-        series = [x if np.all(np.abs(x) < KERNELS.runaway) else 0.0 * z[0] for x in laws]
+        series = [x / effect.probe if np.all(np.abs(x) < KERNELS.runaway) else 0.0 * z[0] for x in laws]
         return np.asarray(rows[0][..., None] * np.stack(series, axis=-1)[..., None, :])
 
     def _series(
@@ -504,8 +512,11 @@ def _middle(stepper: Stepper, system: TimeVaryingSystem, h: Array) -> tuple[Arra
     return middle, 0.5 * (v + v[later]), (v[later] - v) / h[:, None]
 
 
-def _slope(pair: Sequence[Any], middle: tuple[Array, Array, Array], stride: int) -> Array:
-    """Return the decrease (n, nv) of inverse dynamics per log factor."""
+def _slope(pair: Sequence[Any], middle: tuple[Array, ...], stride: int) -> Array:
+    """Return the decrease (n, nv) of inverse dynamics per log factor.
+
+    `middle` holds configurations, velocities, accelerations, controls and actuator states.
+    """
     n = len(middle[0])
     at = np.unique(np.append(np.arange(0, n, stride), n - 1))
     part = [x[at] for x in middle]
@@ -513,11 +524,16 @@ def _slope(pair: Sequence[Any], middle: tuple[Array, Array, Array], stride: int)
     return slope if stride == 1 or len(at) < 4 else np.asarray(CubicSpline(at, slope)(np.arange(n)))
 
 
-def _inverse(model: Any, q: Array, v: Array, a: Array) -> Array:
-    """Return the generalised forces (n, nv) of a motion by inverse dynamics."""
+def _inverse(model: Any, q: Array, v: Array, a: Array, control: Array, act: Array) -> Array:
+    """Return the generalised forces (n, nv) that a motion lacks, by inverse dynamics.
+
+    MuJoCo's inverse dynamics leave the actuators out; the feedback of servos belongs to the model.
+    """
     data, out = mujoco.MjData(model), np.zeros(a.shape)
     for k in range(len(out)):
         data.qpos[:], data.qvel[:], data.qacc[:] = q[k], v[k], a[k]
+        data.ctrl[:], data.act[:] = control[k], act[k]
         mujoco.mj_inverse(model, data)
-        out[k] = data.qfrc_inverse
+        mujoco.mj_fwdActuation(model, data)
+        out[k] = data.qfrc_inverse - data.qfrc_actuator
     return out

@@ -10,6 +10,7 @@ from vlab.diagnose.settings import LOCATIONS
 from vlab.physics.attach import port_at
 from vlab.physics.effect import Effect, PickUp
 from vlab.physics.running import tap_index
+from vlab.physics.servo import Servo, ServoEffect, at_servo, servo_of, servo_port
 from vlab.plants.base import Plant
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
@@ -47,6 +48,8 @@ class Place:
         Tag of `vlab.plants.base.Port`; of a pick-up ``"command"`` or ``"sensor"``.
     is_held : bool
         Whether the model restores the port; a free port has no rest position.
+    servo : Servo or None
+        Position servo of an actuator, whose rows are then those of its transmission.
     """
 
     name: str
@@ -62,6 +65,7 @@ class Place:
     aliases: tuple[str, ...] = ()
     tag: str = ""
     is_held: bool = True
+    servo: Servo | None = None
 
     def stiffness_at(self, theta: Array) -> Array:
         """Return the element's stiffness (n_sets,) at log factors (n_sets, n_changes)."""
@@ -90,6 +94,8 @@ def admissible(effect: Effect, place: Place) -> bool:
     """
     if isinstance(effect, PickUp):
         return place.kind == "pick-up" and place.tag in effect.needs
+    if isinstance(effect, ServoEffect):
+        return place.servo is not None
     if effect.kind in ("actuator", "sensor"):
         return place.kind == effect.kind and (not place.also or effect.traits.is_shared)
     if place.kind == "body":
@@ -106,6 +112,24 @@ def admissible(effect: Effect, place: Place) -> bool:
         "magnet": place.coil is not None or not place.stiffness > 0,  # elsewhere a magnet is a softer element
     }
     return all(has.get(need, True) for need in effect.needs)
+
+
+def at_place(effect: Effect, place: Place) -> Effect:
+    """Return an effect with the numbers of its location.
+
+    Parameters
+    ----------
+    effect : Effect
+        Effect.
+    place : Place
+        Location at which the effect is admissible.
+
+    Returns
+    -------
+    Effect
+        The effect itself, or that of a servo at the location.
+    """
+    return at_servo(effect, place.servo) if isinstance(effect, ServoEffect) and place.servo is not None else effect
 
 
 def reported_name(name: str, effect: Effect, driven: int) -> str:
@@ -197,15 +221,22 @@ def places_of(
     ports = ports[: LOCATIONS.most_ports]
     straight = [p for p in ports if is_near_rest or plant.ports[p.name].is_constant]
     out = [*ports, *_points(plant, reduced_model, straight)]
-    out += [
-        Place(name=f"actuator:{plant.actuators[i].name.removeprefix('coil:')}", kind="actuator", index=i)
-        for i in driven
-    ]
+    out += [_actuator(plant, reduced_model, i) for i in driven]
     if len(driven) > 1:
         out.append(Place(name="chain", kind="actuator", index=driven[0], also=tuple(driven[1:])))
     sensors = [f"sensor:{name.removeprefix('sensor:')}" for name in channels]
     out += [Place(name=name, kind="sensor", index=i) for i, name in enumerate(sensors)]
     return out + _pick_ups(plant, channels, sensors, driven)
+
+
+def _actuator(plant: Plant, reduced_model: ReducedModel, index: int) -> Place:
+    """Return an actuator, with the rows of its transmission if it is a position servo."""
+    out = Place(name=f"actuator:{plant.actuators[index].name.removeprefix('coil:')}", kind="actuator", index=index)
+    port, servo = servo_port(plant, index), servo_of(plant, index)
+    if port is None or servo is None:
+        return out
+    row = port.row(plant.new_data()) @ reduced_model.shapes
+    return replace(out, rows=row[None], angular=port.unit == "rad", coil=index, servo=servo)
 
 
 def _pick_ups(plant: Plant, channels: Sequence[str], sensors: Sequence[str], driven: Sequence[int]) -> list[Place]:

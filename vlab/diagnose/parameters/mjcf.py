@@ -18,6 +18,8 @@ from vlab.signals import Array
 
 ELEMENTS = ("stiffness", "damping", "friction", "mass", "armature")
 """Kinds of parameters that elements of a model have."""
+VELOCITY_GAIN = "velocity-gain"
+"""Kind of the velocity feedback of servos, whose `gain` is that of the position error."""
 IMPEDANCE = (*ELEMENTS, "inertia")
 """Kinds of parameters that resist motion."""
 
@@ -119,6 +121,11 @@ def uncertain_parameters(
         name = plant.actuators[i].name
         sd = gain_sd(given, name)
         out.append(Uncertain(name=f"gain:{name}", kind="gain", sd=sd, fields=_returned(plant, i), actuator=i))
+        braked = _braked(plant, i)
+        if braked:
+            usual = given.get(VELOCITY_GAIN, MJCF_PRIORS.default_sd[VELOCITY_GAIN])
+            sd = given.get(f"actuator:{name}:{VELOCITY_GAIN}", usual)
+            out.append(Uncertain(name=f"{VELOCITY_GAIN}:{name}", kind=VELOCITY_GAIN, sd=sd, fields=braked))
     for i, name in enumerate(channels):
         sd = given.get(
             f"sensor:{name.removeprefix('sensor:')}:gain", given.get("sensor", MJCF_PRIORS.default_sd["sensor"])
@@ -140,6 +147,19 @@ def _returned(plant: Plant, actuator: int) -> tuple[Number, ...]:
             gain, bias = float(model.actuator_gainprm[control, 0]), model.actuator_biasprm[control]
             out += [("actuator_biasprm", (int(control), k)) for k in (1, 2) if gain != 0.0 and bias[k] == -gain]
     return tuple(out)
+
+
+def _braked(plant: Plant, actuator: int) -> tuple[Number, ...]:
+    """Return the velocity feedback that is no part of a servo's gain."""
+    model, own = plant.model, _returned(plant, actuator)
+    numbers = [("actuator_biasprm", (int(control), 2)) for control in plant.actuators[actuator].controls]
+    return tuple(
+        (name, index)
+        for name, index in numbers
+        if model.actuator_biastype[index[0]] == mujoco.mjtBias.mjBIAS_AFFINE
+        and model.actuator_biasprm[index] != 0.0
+        and (name, index) not in own
+    )
 
 
 def common_scale(plant: Plant, parameters: Sequence[Uncertain], *, loaded: bool) -> Array | None:
@@ -299,7 +319,7 @@ def _meant(name: str) -> set[str]:
     kind, _, rest = name.partition(":")
     element, _, quantity = rest.rpartition(":")
     return {
-        "actuator": {f"gain:{element}"},
+        "actuator": {f"{quantity}:{element}"},
         "sensor": {f"sensor:{element}", f"sensor:sensor:{element}"},
         "body": {name, f"body:{element}:mass"} if quantity == "inertia" else {name},
     }.get(kind, {name})

@@ -12,9 +12,9 @@ from vlab.signals import Array
 
 
 def unit_amplitudes(effect: Effect, shape: dict[str, float]) -> list[dict[str, float]]:
-    """Return parameter values with one unit amplitude each."""
+    """Return parameter values with one amplitude of the effect's probe each, usually 1."""
     names = [p.name for p in effect.amplitudes]
-    return [{**shape, **{n: float(n == name) for n in names}} for name in names] or [dict(shape)]
+    return [{**shape, **{n: effect.probe * (n == name) for n in names}} for name in names] or [dict(shape)]
 
 
 def commands_changed(

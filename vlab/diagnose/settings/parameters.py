@@ -44,6 +44,7 @@ class MjcfPriorsSettings:
             "mass": 0.03,
             "armature": 0.05,
             "gain": 0.05,
+            "velocity-gain": 0.05,
             "sensor": 0.01,
         }
     )
