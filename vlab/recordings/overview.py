@@ -14,15 +14,24 @@ from vlab.recordings.table import Table
 from vlab.signals import Array
 
 WORDS = {
-    "time": ("time", "timestamp", "stamp", "t", "x_value"),
-    "command": ("command", "cmd", "action", "target", "goal", "ctrl", "setpoint", "ref", "desired", "u"),
-    "moment": ("torque", "effort", "tau", "moment"),
+    "time": ("time", "timestamp", "stamp", "t", "x_value", "times", "timestamps", "seconds", "secs", "sec"),
+    "temperature": ("temperature", "temp", "temps"),
+    "error": ("error", "err", "errors"),
+    "flag": ("flag", "status", "mode", "enabled", "valid", "id", "flags"),
+    "command": (
+        *("command", "cmd", "action", "target", "goal", "ctrl", "setpoint", "ref", "desired", "u"),
+        *("commanded", "cmds", "actions", "des", "reference", "tgt", "sp", "control"),
+    ),
+    "moment": ("torque", "effort", "tau", "moment", "trq"),
     "force": ("force", "load"),
     "current": ("current", "amp", "amps"),
     "voltage": ("voltage", "volt", "volts"),
     "acceleration": ("acc", "accel", "acceleration", "qacc"),
     "velocity": ("vel", "velocity", "speed", "qvel", "dq", "qd"),
-    "position": ("pos", "position", "qpos", "q", "angle", "state", "displacement", "x", "y", "z"),
+    "position": (
+        *("pos", "position", "qpos", "q", "angle", "state", "displacement", "x", "y", "z"),
+        *("ang", "theta", "angles", "positions"),
+    ),
     "frequency": ("freq", "frequency", "f", "hz"),
 }
 """WORDS: parts of names by the quantity that they suggest; the first match counts."""
