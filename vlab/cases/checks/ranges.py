@@ -60,7 +60,7 @@ def check_ranges(case: Case, runs: Sequence[Run]) -> list[Found]:
             f"{name} reaches {worst:.4g} {column.table.unit}, and the model's range is {low} to {high} {column.table.unit}; "
             f"in {other} the numbers stay inside; to mend it, say in {case.path.name}: {edit}"
         )
-        out.append(Found(severity="warning", text=text, channels=(name,)))
+        out.append(Found(severity="warning", text=text, channels=(name,), mend=edit))
     return out
 
 
