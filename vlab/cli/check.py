@@ -92,7 +92,7 @@ def _picture(comparison: Comparison) -> bytes:
     worst = max((r for r in comparison.runs if r.misfits), key=lambda r: max(m.nrmse for m in r.misfits))
     largest = sorted(worst.misfits, key=lambda m: -m.nrmse)[:MOST_DRAWN]
     names = [m.channel for m in worst.misfits if m in largest]
-    figure = traces_figure([("recorded", worst.measured), ("simulated", worst.simulated)], names)
+    figure = traces_figure([("recorded", worst.measured), ("simulated", worst.simulated)], names, is_titled=True)
     return to_png(figure)
 
 

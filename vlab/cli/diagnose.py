@@ -1,21 +1,31 @@
 """``vlab diagnose``."""
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from vlab.cases import load_case
+from vlab.cases.case import CASE, Case
+from vlab.cases.draft import Draft, draft_case
 from vlab.cli.case_argument import add_case
+from vlab.cli.check import check_words, write_check
 from vlab.cli.common import Outcome, share_bar, text_table
-from vlab.cli.destination import add_out, check_out
+from vlab.cli.destination import add_out, check_out, destination
+from vlab.cli.init import add_clock, draft_words, next_command
 from vlab.controllers.user_law import code_of
 from vlab.diagnose.advice import RESERVED, attempt_sentence, before_heading, format_probability
-from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding
-from vlab.diagnose.pipeline import diagnose
-from vlab.errors import BadExperiment
+from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, RejectedCase
+from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
+from vlab.diagnose.pipeline import Diagnosed, diagnose
+from vlab.diagnose.precheck import Precheck, precheck_case
+from vlab.errors import BadCase, BadExperiment
 from vlab.files.output_folder import output_folder, write_manifest
 from vlab.files.text import in_line
 from vlab.physics.catalogue import EFFECTS, effect_named
+from vlab.physics.effect import Effect
 
+DEFAULT = "out/diagnosis"
+"""DEFAULT: folder of a diagnosis of logs, which is numbered."""
 OF_THE_FIT_ALONE = (
     "The effect that explains the fit recordings has no effect on the held-out recordings: nothing is verified."
 )
@@ -31,7 +41,11 @@ VERDICTS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    add_case(parser)
+    add_case(parser, "read this case folder with case.toml, or case file; or a model (MJCF .xml) before its logs")
+    parser.add_argument(
+        "logs", nargs="*", metavar="LOG", help="draft the case from the model and these recordings, as vlab init does"
+    )
+    add_clock(parser)
     parser.add_argument(
         "--effect",
         action="append",
@@ -61,10 +75,27 @@ def run(arguments: argparse.Namespace) -> Outcome:
     Outcome
         Document and text of the command.
     """
-    check_out(arguments, read=[arguments.case])
+    check_out(arguments, read=[arguments.case, *arguments.logs])
     if arguments.time_limit is not None and not arguments.time_limit > 0:
         raise BadExperiment(f"--time-limit is {arguments.time_limit:g}; give a positive number of seconds")
+    effects = _effects(arguments)
+    if arguments.logs:
+        with destination(arguments, DEFAULT) as out:
+            return _of_logs(arguments, out, effects)
+    stated = next((f"--{name.replace('_', '-')}" for name in ("time", "rate_hz") if getattr(arguments, name)), None)
+    if stated is not None:
+        raise BadExperiment(f"{stated} is for logs after a model; a case states the clock of its recordings itself")
     case = load_case(arguments.case, allow_outside=arguments.allow_outside)
+    if not arguments.out:
+        diagnosis = _search(arguments, case, effects).diagnosis
+        return Outcome(document=diagnosis.to_json(), text=_text(diagnosis))
+    done = _written(arguments, case, effects, Path(arguments.out))
+    document = {**done.diagnosis.to_json(), "out": str(arguments.out)}
+    return Outcome(document=document, text=_text(done.diagnosis) + f"\n\nwritten to {arguments.out}")
+
+
+def _effects(arguments: argparse.Namespace) -> list[Effect]:
+    """Return the catalogue with the user's own effects."""
     own = [effect_named(name, code=[code_of(name)]) for name in arguments.effect]
     effects = [*EFFECTS.values(), *own]
     names = [effect.name for effect in effects]
@@ -73,19 +104,92 @@ def run(arguments: argparse.Namespace) -> Outcome:
             raise BadExperiment(
                 f"--effect: there is another effect named {effect.name!r}; give yours a name of its own"
             )
-    if not arguments.out:
-        with share_bar("diagnose") as report:
-            diagnosis = diagnose(case, effects=effects, progress=report, time_limit=arguments.time_limit).diagnosis
-        return Outcome(document=diagnosis.to_json(), text=_text(diagnosis))
-    with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
-        with share_bar("diagnose") as report:
-            done = diagnose(case, effects=effects, progress=report, time_limit=arguments.time_limit)
+    return effects
+
+
+def _search(
+    arguments: argparse.Namespace, case: Case, effects: list[Effect]
+) -> Diagnosed | FrequencyDiagnosed | RejectedCase:
+    """Diagnose a case with a progress bar."""
+    with share_bar("diagnose") as report:
+        return diagnose(case, effects=effects, progress=report, time_limit=arguments.time_limit)
+
+
+def _written(
+    arguments: argparse.Namespace,
+    case: Case,
+    effects: list[Effect],
+    out: Path,
+    *,
+    draft: Draft | None = None,
+    checked: Precheck | None = None,
+) -> Diagnosed | FrequencyDiagnosed | RejectedCase:
+    """Diagnose a case, and write the results with the drafted case and its check."""
+    with output_folder(out, overwrite=arguments.overwrite or draft is not None) as folder:
+        done = _search(arguments, case, effects)
         from vlab.views.reports.diagnosis import write_diagnosis
 
         write_diagnosis(done, folder)
-        write_manifest(folder, verb="diagnose", case=str(arguments.case))
-    document = {**done.diagnosis.to_json(), "out": str(arguments.out)}
-    return Outcome(document=document, text=_text(done.diagnosis) + f"\n\nwritten to {arguments.out}")
+        _write_drafted(folder, draft, checked)
+        write_manifest(folder, verb="diagnose", case=str(case.path))
+    return done
+
+
+def _write_drafted(folder: Path, draft: Draft | None, checked: Precheck | None) -> None:
+    if draft is not None:
+        (folder / CASE).write_text(draft.text, encoding="utf-8")
+    if checked is not None:
+        write_check(checked, folder)
+
+
+def _of_logs(arguments: argparse.Namespace, out: Path, effects: list[Effect]) -> Outcome:
+    """Draft a case, check the case, and diagnose.
+
+    Case and check are written before the search, so that an error of the search leaves both.
+    """
+    if Path(arguments.case).is_dir() or Path(arguments.case).name == CASE:
+        raise BadCase(
+            f"{arguments.case} is a case, which names its recordings itself, and {arguments.logs[0]} is given beside "
+            "the case; leave the logs away, or give a model (MJCF .xml) before them"
+        )
+    logs = [Path(name) for name in arguments.logs]
+    draft = draft_case(arguments.case, logs, out, time=arguments.time, rate_hz=arguments.rate_hz)
+    path = out / CASE
+    checked: Precheck | None = None
+    for _ in range(2):  # the case first, for the check reads the case where it stays
+        with output_folder(out, overwrite=arguments.overwrite or checked is not None) as folder:
+            _write_drafted(folder, draft, checked)
+            write_manifest(folder, verb="diagnose", case=str(path))
+        if checked is None:
+            with share_bar("check") as report:
+                checked = precheck_case(path, allow_outside=draft.leaves_folder, progress=report)
+    assert checked is not None
+    case = load_case(path, allow_outside=draft.leaves_folder)
+    done = _written(arguments, case, effects, out, draft=draft, checked=checked)
+    document = {
+        **done.diagnosis.to_json(),
+        "out": str(out),
+        "case": str(path),
+        "draft": draft.to_json(),
+        "check": checked.to_json(),
+    }
+    parts = [
+        "Drafted case",
+        draft_words(draft),
+        "",
+        "Check",
+        check_words(checked),
+        "",
+        "Diagnosis",
+        _text(done.diagnosis),
+    ]
+    again = next_command("diagnose", path, draft)
+    return Outcome(
+        document=document,
+        text="\n".join(
+            [*parts, "", f"written to {out}; the drafted case is {path}", f"after a change of the case: {again}"]
+        ),
+    )
 
 
 def _text(diagnosis: Diagnosis) -> str:

@@ -77,12 +77,18 @@ def _recording(part: Part, names: dict[Path, str], clock: LogClock) -> list[str]
         lines += ["", "[[recording]]"] if lines else ["[[recording]]"]
         lines.append(f"files = {toml_value(group)}" if several else f"file = {toml_value(group[0])}")
         lines += [f"role = {toml_value(part.role)}  # {why}"]
-        lines += [f"name = {toml_value(one_line(part.name))}"] if part.name else []
+        name = part.name or ("" if several or part.episodes else _stem(group[0]))
+        lines += [f"name = {toml_value(one_line(name))}"] if name else []
         lines += [f"episodes = {toml_value(list(part.episodes))}"] if part.episodes else []
         lines += _clock(clock)
         lines += [f"start_s = {part.start_s!r}"] if part.start_s is not None else []
         lines += [f"stop_s = {part.stop_s!r}"] if part.stop_s is not None else []
     return lines
+
+
+def _stem(file: str) -> str:
+    name = Path(file).name
+    return name.removesuffix("".join(Path(name).suffixes)) or name
 
 
 def _clock(clock: LogClock) -> list[str]:
