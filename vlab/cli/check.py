@@ -3,7 +3,6 @@
 import argparse
 import json
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -116,7 +115,7 @@ def check_words(checked: Precheck) -> str:
         return "\n".join([*lines, *(in_line(f"vlab diagnose would refuse the case: {why}") for why in checked.refused)])
     lines.append("No test says that vlab diagnose would refuse the case.")
     if checked.seconds_expected is not None:
-        lines.append(f"A diagnosis takes roughly {rough(checked.seconds_expected)} on this machine.")
+        lines.append(f"A diagnosis takes roughly {rough(checked.seconds_expected)} on a free machine like this one.")
     return "\n".join(lines)
 
 
@@ -149,7 +148,6 @@ def _periods(checked: Precheck) -> list[str]:
 
 def rough(seconds: float) -> str:
     """Return a rough time as a range, such as ``"20 to 80 s"``."""
-    bounds: Sequence[float] = (0.5 * seconds, 2.0 * seconds)
-    if bounds[1] > 600.0:
-        return f"{bounds[0] / 60:.2g} to {bounds[1] / 60:.2g} min"
-    return f"{bounds[0]:.1g} to {bounds[1]:.1g} s"
+    unit, size = ("min", 60.0) if seconds > 300.0 else ("s", 1.0)
+    low, high = (float(f"{factor * seconds / size:.1g}") for factor in (0.5, 2.0))
+    return f"{low:g} to {high:g} {unit}"

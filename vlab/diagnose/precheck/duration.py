@@ -11,7 +11,7 @@ def expected_seconds(case: Case, runs: Sequence[Run], simulated_s: float) -> flo
     """Return the rough time of a diagnosis [s].
 
     A diagnosis simulates the recordings to be fitted many times, once for each hypothesis, parameter and iteration. The
-    time of one simulation on the present machine therefore gives the scale.
+    processor time of one simulation on the present machine therefore gives the scale.
 
     Parameters
     ----------
@@ -20,7 +20,7 @@ def expected_seconds(case: Case, runs: Sequence[Run], simulated_s: float) -> flo
     runs : sequence of Run
         Recordings of the case.
     simulated_s : float
-        Time of one simulation of all recordings [s].
+        Processor time of one simulation of all recordings [s].
 
     Returns
     -------
