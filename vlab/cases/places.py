@@ -41,7 +41,9 @@ class Suggestion:
     is_input: bool
 
 
-def suggest(column: str, plant: Plant, *, is_input: bool | None = None, first: int = 0) -> Suggestion | None:
+def suggest(
+    column: str, plant: Plant, *, is_input: bool | None = None, first: int = 0, kind: str = ""
+) -> Suggestion | None:
     """Return the place that the name of a column suggests.
 
     Parameters
@@ -54,13 +56,15 @@ def suggest(column: str, plant: Plant, *, is_input: bool | None = None, first: i
         Whether the column drives the model; from its name by default.
     first : int
         Number of the first joint or actuator in the names of columns.
+    kind : str
+        Quantity of the column, where the name tells none.
 
     Returns
     -------
     Suggestion or None
         None if the name fits no single place. Names count first, then numbers in the order of the model.
     """
-    kind = kind_of(column)
+    kind = kind_of(column) or kind
     drives = kind in _INPUTS if is_input is None else is_input
     joints = joints_of(plant)
     if drives:
@@ -138,6 +142,19 @@ def _named(column: str, names: Sequence[str]) -> str | None:
         if best:
             return best[0] if len(best) == 1 else None
     return None
+
+
+def is_in_name(column: str, names: Sequence[str]) -> bool:
+    """Return whether a column's name holds one of some names.
+
+    Parameters
+    ----------
+    column : str
+        Name of the column.
+    names : sequence of str
+        Names of elements, whose generic words may be missing.
+    """
+    return any(_named(column, [name]) is not None for name in names)
 
 
 def numbered_from(columns: Sequence[str], count: int) -> int:

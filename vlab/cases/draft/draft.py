@@ -128,17 +128,14 @@ def draft_case(
         raise _no_output(read[0], opened.plant, matched, opened.hints)
     kept, aside = _alike(read, clock, matched.used)
     channels = choose_units(read[0], clock, opened.plant, matched.used)
-    clock = _confirmed(read[0], clock, opened.plant, channels)
+    clock, channels = _confirmed(read[0], clock, opened.plant, channels)
     parts = divide(kept, clock)
     remarks = [*aside, *opened.hints, *_doubts(opened.plant, channels)]
     text = case_text(opened, folder, kept, parts, clock, channels, matched.left_out, remarks)
-    doubtful = [
-        f"{one_line(m.label)} is {m.kind} of {one_line(m.at)}{f' in {m.unit}' if m.unit else ''}: {one_line(m.why_unit or m.why)}"
-        for m in channels
-        if not m.is_sure
-    ]
+    doubtful = _doubtful(channels)
     if not clock.is_sure:
-        doubtful.insert(0, f"{one_line(clock.time or '')} is the time in {clock.unit}: {one_line(clock.why)}")
+        what = f"{clock.rate_hz:g} Hz" if clock.time is None else f"{one_line(clock.time)} is the time in {clock.unit}"
+        doubtful.insert(0, f"{what}: {one_line(clock.why)}")
     return Draft(
         text=text,
         channels=channels,
@@ -150,12 +147,24 @@ def draft_case(
     )
 
 
-def _confirmed(log: Log, clock: LogClock, plant: Plant, channels: Sequence[Match]) -> LogClock:
-    """Return a guessed clock as sure where the simulation follows the readings in it."""
-    left = 1.0 if clock.is_sure else residual_share(log, clock, plant, channels)
+def _confirmed(
+    log: Log, clock: LogClock, plant: Plant, channels: Sequence[Match]
+) -> tuple[LogClock, tuple[Match, ...]]:
+    """Return guesses as sure where the simulation follows the readings.
+
+    No other clock and no other order of the places leaves so little. A common unit of all angles may.
+    """
+    if clock.is_sure and all(match.is_place_sure for match in channels):
+        return clock, tuple(channels)
+    left = residual_share(log, clock, plant, channels)
     if left > CONFIRMED:
-        return clock
-    return replace(clock, why=f"{clock.why}; simulated so, {percent(left)} of the readings is left over", is_sure=True)
+        return clock, tuple(channels)
+    said = f"simulated so, {percent(left)} of the readings is left over"
+    sure = clock if clock.is_sure else replace(clock, why=f"{clock.why}; {said}", is_sure=True)
+    return sure, tuple(
+        match if match.is_place_sure else replace(match, why=f"{match.why}; {said}", is_place_sure=True)
+        for match in channels
+    )
 
 
 def _alike(logs: Sequence[Log], clock: LogClock, used: Sequence[Match]) -> tuple[list[Log], list[str]]:
@@ -178,6 +187,21 @@ def _doubts(plant: Plant, channels: Sequence[Match]) -> list[str]:
     if not any(match.is_input for match in channels):
         out.insert(0, "no column drives the model: the recordings count as free motion")
     return out
+
+
+def _doubtful(channels: Sequence[Match]) -> list[str]:
+    """Return the guesses on columns, one line for columns of the same reason."""
+    out = [
+        f"{one_line(m.label)} {'drives' if m.is_input else 'shows'} {one_line(m.at)}: {one_line(m.why)}"
+        for m in channels
+        if not m.is_place_sure
+    ]
+    reasons: dict[str, list[str]] = {}
+    for m in channels:
+        if not m.is_unit_sure:
+            why = m.why_unit if m.scale is None else f"state scale, the model unit per {m.unit}"
+            reasons.setdefault(f"{m.unit}: {why}", []).append(one_line(m.label))
+    return out + [f"{', '.join(names[:MOST_LISTED])} in {one_line(reason)}" for reason, names in reasons.items()]
 
 
 def _no_output(log: Log, plant: Plant, matched: Matched, hints: Sequence[str]) -> BadCase:

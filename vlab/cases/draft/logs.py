@@ -17,6 +17,8 @@ from vlab.recordings.table import MOST_LISTED, READERS, Table
 
 EVEN = 0.2
 """EVEN [1]: largest spread of the steps of a column without a name of time, over their median, in a clock."""
+PERIODS, RATES = ("dt", "ts", "sample_time", "period_s"), ("fs", "rate_hz", "sample_rate", "samplerate", "fps")
+"""PERIODS, RATES: names of a column with the sample period [s] or the sample rate [Hz]."""
 HELD_OUT = 3
 """HELD_OUT [1]: one recording in so many is held out, and the last such share of a single one."""
 
@@ -178,6 +180,9 @@ def choose_clock(log: Log, *, time: str | None = None, rate_hz: float | None = N
             f"{where}: the times in column {one_line(again.name)!r} start again; split the file into one file a run, or "
             "name another time column with --time"
         )
+    stated = _stated_rate(log)
+    if stated is not None:
+        return stated
     steady = [c for c in log.columns if not c.kind and _is_steady(log.table[c.name])]
     if steady:
         return _clock(log, steady[0], "its values increase evenly", is_sure=False)
@@ -203,6 +208,17 @@ def _clock(log: Log, column: ColumnOverview, why: str, *, is_sure: bool = True) 
     return LogClock(
         time=column.name, unit=unit, why=f"{why}; {said}", is_sure=is_sure and (bool(stated) or unit == "s")
     )
+
+
+def _stated_rate(log: Log) -> LogClock | None:
+    """Return the clock of a column that holds one sample period or rate."""
+    for column in log.columns:
+        word = column.name.rpartition(".")[2].lower()
+        if word in (*PERIODS, *RATES) and column.least == column.greatest > 0.0:
+            rate = column.least if word in RATES else 1.0 / column.least
+            why = f"column {one_line(column.name)!r} is {column.least:g} throughout"
+            return LogClock(time=None, rate_hz=float(f"{rate:.12g}"), why=why, is_sure=False)
+    return None
 
 
 def _unit_of_step(step: float) -> str:

@@ -11,12 +11,13 @@ import mujoco
 import numpy as np
 from scipy import signal
 
+from vlab import units
 from vlab.cases.draft.logs import Log
-from vlab.cases.places import Suggestion, actuators_of, joints_of, numbered_from, suggest
+from vlab.cases.places import Suggestion, actuators_of, is_in_name, joints_of, numbered_from, suggest
 from vlab.files.text import in_line
 from vlab.plants.base import ActuatorTap, Plant
-from vlab.recordings.overview import ColumnOverview
-from vlab.signals import Array
+from vlab.recordings.overview import ColumnOverview, kind_of_unit
+from vlab.signals import KIND_UNITS, Array
 
 EFFORTS = ("moment", "force", "current", "voltage")
 """EFFORTS: kinds of a column that drive a motor, and show the effort of a servo."""
@@ -48,8 +49,8 @@ class Match:
         Unit stated by file or name; empty if none.
     unit, why_unit : str
         Chosen unit with its reason.
-    is_sure : bool
-        Whether place, role and unit follow from names and values alone.
+    is_place_sure, is_unit_sure : bool
+        Whether names or values leave no doubt about place and role, and about the unit.
     scale : float or None
         Model unit per file unit, where the user must state the value.
     """
@@ -63,8 +64,14 @@ class Match:
     stated: str = ""
     unit: str = ""
     why_unit: str = ""
-    is_sure: bool = True
+    is_place_sure: bool = True
+    is_unit_sure: bool = True
     scale: float | None = None
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the user has nothing to confirm."""
+        return self.is_place_sure and self.is_unit_sure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +123,27 @@ def feedback_of(plant: Plant, name: str) -> str:
     return "velocity" if velocity < 0.0 and gain > 0.0 else ""
 
 
+def unit_of(plant: Plant, match: Match) -> str:
+    """Return the SI unit of a column at its place; empty for a free one.
+
+    A servo takes the unit of its joint's motion.
+    """
+    si = KIND_UNITS[match.kind]
+    if si is not None or not match.is_input:
+        return si or ""
+    follows, model = feedback_of(plant, match.at), plant.model
+    names = [model.actuator(i).name for i in range(model.nu)]
+    if not follows or match.at not in names:
+        return ""
+    number = names.index(match.at)
+    kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    if int(model.actuator_trntype[number]) not in kinds or model.actuator_gear[number, 0] != 1.0:
+        return ""
+    joint = int(model.jnt_type[int(model.actuator_trnid[number, 0])])
+    unit = {int(mujoco.mjtJoint.mjJNT_HINGE): "rad", int(mujoco.mjtJoint.mjJNT_SLIDE): "m"}.get(joint, "")
+    return f"{unit}/s" if unit and follows == "velocity" else unit
+
+
 def match_columns(log: Log, plant: Plant, clock: str | None) -> Matched:
     """Match the columns of a log to a model.
 
@@ -134,7 +162,7 @@ def match_columns(log: Log, plant: Plant, clock: str | None) -> Matched:
         At most one column an input and a quantity of a place.
     """
     first = numbered_from([log.label(c.name) for c in log.columns], len(joints_of(plant)))
-    matcher = _Matcher(log, plant, first)
+    matcher = _Matcher(log, plant, first, clock)
     for column in log.columns:
         if column.name != clock:
             matcher.add(column)
@@ -146,8 +174,10 @@ def match_columns(log: Log, plant: Plant, clock: str | None) -> Matched:
 class _Matcher:
     """Candidates of every place, in the order of the columns."""
 
-    def __init__(self, log: Log, plant: Plant, first: int) -> None:
+    def __init__(self, log: Log, plant: Plant, first: int, clock: str | None) -> None:
         self.log, self.plant, self.first = log, plant, first
+        counts = [column.rows for column in log.columns]
+        self.rows = len(log.table[clock]) if clock is not None else max(counts, key=counts.count)
         self.taps = {tap.name: tap for tap in plant.actuators if tap.name}
         self.candidates: list[Match] = []
         self.left_out: list[LeftOut] = []
@@ -164,11 +194,17 @@ class _Matcher:
         if column.rows == column.blank:
             self._leave(label, "it has no values")
             return
-        found = suggest(label, self.plant, first=self.first) or suggest(column.name, self.plant, first=self.first)
+        if column.rows != self.rows:
+            self._leave(label, f"it has {column.rows} rows, and the clock {self.rows}")
+            return
+        names = dict.fromkeys((label, column.name))
+        given = (suggest(name, self.plant, first=self.first, kind=column.kind) for name in names)
+        found = next((place for place in given if place is not None), None)
         if found is None:
             self.unplaced.append(column)
         else:
-            self._take(column, found, "its name")
+            is_named = any(is_in_name(name, self._element(found)) for name in names)
+            self._take(column, found, "its name" if is_named else "its number", is_sure=is_named)
 
     def _take(self, column: ColumnOverview, found: Suggestion, why: str, *, is_sure: bool = True) -> None:
         label = self.log.label(column.name)
@@ -180,20 +216,37 @@ class _Matcher:
             is_input=found.is_input,
             why=why,
             stated=column.unit,
-            is_sure=is_sure,
+            is_place_sure=is_sure,
         )
         if found.is_input:
             follows = feedback_of(self.plant, found.at)
             if follows and found.kind in EFFORTS:
                 self._leave_effort(match, follows)
                 return
-            match = replace(match, kind=_input_kind(self.taps[found.at], found.kind))
+            by_unit = kind_of_unit(column.unit)
+            given = by_unit if by_unit in ("current", "voltage") else found.kind
+            match = replace(match, kind=_input_kind(self.taps[found.at], given))
             if match.kind in ("voltage", "current") and self.taps[found.at].unit != "command":
-                match = replace(match, scale=1.0, is_sure=False)
-        elif column.least == column.greatest:
+                match = replace(match, scale=1.0, is_unit_sure=False)
+        if self._has_other_unit(match):
+            return
+        if not match.is_input and column.least == column.greatest:
             self._leave(label, f"it is {column.least:g} throughout")
             return
         self.candidates.append(match)
+
+    def _element(self, found: Suggestion) -> list[str]:
+        """Return the names for which a place may stand: its own, and that of its joint."""
+        name = found.at.removeprefix("joint:")
+        return [name, *(j for j in joints_of(self.plant) if found.is_input and name in actuators_of(self.plant, j))]
+
+    def _has_other_unit(self, match: Match) -> bool:
+        """Leave out a column whose stated unit is none of its place."""
+        si = unit_of(self.plant, match)
+        if not match.stated or not si or units.same_dimension(match.stated, si):
+            return False
+        self._leave(match.label, f"{in_line(match.at)!r} is in {si}, and the column in {in_line(match.stated)}")
+        return True
 
     def _sensor_of(self, found: Suggestion) -> str:
         """Return the model's own sensor of a joint, if there is one, or else the joint."""
@@ -255,7 +308,7 @@ class _Matcher:
                 kind="command",
                 is_input=True,
                 why=f"{why} {in_line(reading.label)!r}",
-                is_sure=False,
+                is_place_sure=False,
             )
             self.candidates[self.candidates.index(command)] = as_input
 
@@ -270,14 +323,15 @@ class _Matcher:
             self._take(
                 column, Suggestion(at=free[0], kind=column.kind, is_input=True), "the only actuator", is_sure=False
             )
-        outputs = [c for c in self.unplaced if c.kind in ("position", "velocity", "acceleration") and c not in inputs]
-        places = self._only_output()
-        if len(outputs) == 1 and places is not None and not any(not m.is_input for m in self.candidates):
-            (column,) = outputs
-            found = self._output(places, column.kind)
-            if found is not None:
-                self.unplaced.remove(column)
-                self._take(column, found, "the only place", is_sure=False)
+        place = self._only_output()
+        if place is not None and all(m.is_input for m in self.candidates):
+            for kind in ("position", "velocity", "acceleration"):
+                outputs = [c for c in self.unplaced if c.kind == kind and c not in inputs]
+                found = self._output(place, kind)
+                if len(outputs) == 1 and found is not None:
+                    self.unplaced.remove(outputs[0])
+                    self._take(outputs[0], found, "the only place", is_sure=False)
+                    break
         names = "no joint, sensor or actuator has its name"
         for column in self.unplaced:
             self._leave(self.log.label(column.name), names)

@@ -94,18 +94,17 @@ def _stem(file: str) -> str:
 def _clock(clock: LogClock) -> list[str]:
     mark = "" if clock.is_sure else f"{CHECK}: "
     if clock.time is None:
-        return [f"rate_hz = {clock.rate_hz!r}  # {one_line(clock.why)}"]
+        return [f"rate_hz = {clock.rate_hz!r}  # {mark}{one_line(clock.why)}"]
     lines = [f"time = {toml_value(clock.time)}  # {mark}{one_line(clock.why)}"]
     return lines + ([f"time_unit = {toml_value(clock.unit)}"] if clock.unit != "s" else [])
 
 
 def _channel(match: Match) -> list[str]:
     keys: dict[str, Any] = channel_keys(match)
-    mark = "" if match.is_sure else f"{CHECK}: "
-    notes = {"at": match.why, "unit": f"{mark}{match.why_unit}" if match.why_unit else ""}
+    notes = {"at": match.why if match.is_place_sure else f"{CHECK}: {match.why}"}
+    if match.why_unit:
+        notes["unit"] = match.why_unit if match.is_unit_sure else f"{CHECK}: {match.why_unit}"
     notes["scale"] = f"{CHECK}: model unit per file unit, such as the torque constant"
-    if "unit" not in keys and mark:
-        notes["at"] = f"{mark}{match.why}"
     lines = [f"{key} = {toml_value(value)}" for key, value in keys.items()]
     said = [
         f"{line}  # {one_line(notes[key])}" if notes.get(key) else line for key, line in zip(keys, lines, strict=True)

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from itertools import islice, product
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from vlab import units
@@ -18,12 +17,12 @@ from vlab.cases.checks.beside import UNEXPLAINED, first_seconds
 from vlab.cases.checks.ranges import is_inside, limits_of
 from vlab.cases.description import ChannelTable, RecordingTable
 from vlab.cases.draft.logs import Log, LogClock
-from vlab.cases.draft.matching import Match, feedback_of
+from vlab.cases.draft.matching import Match, unit_of
 from vlab.cases.simulate import simulate
 from vlab.errors import VlabError
 from vlab.plants.base import Plant
 from vlab.recordings.overview import TURN
-from vlab.signals import KIND_UNITS, Array
+from vlab.signals import Array
 
 CANDIDATES = {
     "rad": ("rad", "deg"),
@@ -89,9 +88,8 @@ def choose_units(log: Log, clock: LogClock, plant: Plant, used: Sequence[Match])
             out.append(match)
             groups.setdefault(Group(si=si, is_input=match.is_input), []).append(i)
         else:
-            is_sure = match.is_sure and (not si or not match.is_input or si in ("N", "N m"))
             unit = {"voltage": "V", "current": "A"}.get(match.kind, si)
-            out.append(replace(match, unit=unit, why_unit="the unit of the model" if unit else "", is_sure=is_sure))
+            out.append(replace(match, unit=unit, why_unit="the unit of the model" if unit else ""))
     left = {group: _inside(log, plant, [out[i] for i in members]) for group, members in groups.items()}
     said = {group: (units_left[0], why) for group, (units_left, why) in left.items() if len(units_left) == 1}
     several = {group: units_left for group, (units_left, _) in left.items() if len(units_left) > 1}
@@ -104,29 +102,8 @@ def choose_units(log: Log, clock: LogClock, plant: Plant, used: Sequence[Match])
         all_alike = [out[i] for g in alike for i in groups[g]]
         unit, why = said.get(group) or tried.get(group) or _by_size(log, plant, group.si, all_alike, said)
         for i in members:
-            out[i] = replace(out[i], unit=unit, why_unit=why, is_sure=out[i].is_sure and sure)
+            out[i] = replace(out[i], unit=unit, why_unit=why, is_unit_sure=sure)
     return tuple(out)
-
-
-def unit_of(plant: Plant, match: Match) -> str:
-    """Return the SI unit of a column at its place; empty for a free one.
-
-    A servo takes the unit of its joint's motion.
-    """
-    si = KIND_UNITS[match.kind]
-    if si is not None or not match.is_input:
-        return si or ""
-    follows, model = feedback_of(plant, match.at), plant.model
-    names = [model.actuator(i).name for i in range(model.nu)]
-    if not follows or match.at not in names:
-        return ""
-    number = names.index(match.at)
-    kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-    if int(model.actuator_trntype[number]) not in kinds or model.actuator_gear[number, 0] != 1.0:
-        return ""
-    joint = int(model.jnt_type[int(model.actuator_trnid[number, 0])])
-    unit = {int(mujoco.mjtJoint.mjJNT_HINGE): "rad", int(mujoco.mjtJoint.mjJNT_SLIDE): "m"}.get(joint, "")
-    return f"{unit}/s" if unit and follows == "velocity" else unit
 
 
 # ---- ranges of the model -----------------------------------------------------------------------------------------
