@@ -107,7 +107,20 @@ def _kind(plant: Plant, joint: str, kind: str) -> str:
 
 
 def actuators_of(plant: Plant, joint: str) -> list[str]:
-    """Return the named actuators on a joint."""
+    """Return the named actuators on a joint.
+
+    Parameters
+    ----------
+    plant : Plant
+        Model.
+    joint : str
+        Name of the joint.
+
+    Returns
+    -------
+    list of str
+        Names in the order of the model.
+    """
     model: Any = plant.model
     number = int(model.joint(joint).id)
     kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))

@@ -102,6 +102,11 @@ def check_words(checked: Precheck) -> str:
     ----------
     checked : Precheck
         Result of the check.
+
+    Returns
+    -------
+    str
+        Table of the channels, observations and limits.
     """
     lines = [] if checked.comparison is None else [in_line(checked.comparison.case.table.title), ""]
     if checked.channels:

@@ -80,7 +80,18 @@ def next_command(verb: str, path: Path, draft: Draft) -> str:
 
 
 def draft_words(draft: Draft) -> str:
-    """Return what a draft took and left out, as text."""
+    """Return what a draft took and left out, as text.
+
+    Parameters
+    ----------
+    draft : Draft
+        Drafted case.
+
+    Returns
+    -------
+    str
+        Table of the columns, recordings and open guesses.
+    """
     clock = draft.clock
     stated = f"{clock.rate_hz:g} Hz" if clock.time is None else f"column {clock.time}"
     rows: list[list[Any]] = [

@@ -1,4 +1,4 @@
-"""Draft of a case: columns matched to a model, units and clock guessed with reasons, hold-outs picked."""
+"""Draft of a case from a model and its logs."""
 
 from vlab.cases.draft.draft import Draft, draft_case
 

@@ -124,9 +124,21 @@ def feedback_of(plant: Plant, name: str) -> str:
 
 
 def unit_of(plant: Plant, match: Match) -> str:
-    """Return the SI unit of a column at its place; empty for a free one.
+    """Return the SI unit of a column at its place.
 
     A servo takes the unit of its joint's motion.
+
+    Parameters
+    ----------
+    plant : Plant
+        Model.
+    match : Match
+        Column with its place.
+
+    Returns
+    -------
+    str
+        SI unit; empty for a free unit.
     """
     si = KIND_UNITS[match.kind]
     if si is not None or not match.is_input:
@@ -236,7 +248,7 @@ class _Matcher:
         self.candidates.append(match)
 
     def _element(self, found: Suggestion) -> list[str]:
-        """Return the names for which a place may stand: its own, and that of its joint."""
+        """Return the names of a place and of its joint."""
         name = found.at.removeprefix("joint:")
         return [name, *(j for j in joints_of(self.plant) if found.is_input and name in actuators_of(self.plant, j))]
 
@@ -249,7 +261,7 @@ class _Matcher:
         return True
 
     def _sensor_of(self, found: Suggestion) -> str:
-        """Return the model's own sensor of a joint, if there is one, or else the joint."""
+        """Return the model's sensor of a joint, or else the joint."""
         kind, _, joint = found.at.partition(":")
         order = {"angle": 0, "displacement": 0, "angular-velocity": 1, "velocity": 1}.get(found.kind)
         if kind != "joint" or order is None:
@@ -313,7 +325,7 @@ class _Matcher:
             self.candidates[self.candidates.index(command)] = as_input
 
     def take_the_only_ones(self) -> None:
-        """Give the only free actuator, and the only free sensor or joint, to the only column that fits."""
+        """Give the only free place to the only column that fits."""
         used = {match.at for match in self.candidates}
         free = [name for name in self.taps if name not in used]
         inputs = [c for c in self.unplaced if c.kind in ("command", *EFFORTS)]
@@ -428,7 +440,20 @@ def leads(one: Array, other: Array) -> bool | None:
 
 
 def unused_places(plant: Plant, used: Sequence[Match]) -> list[str]:
-    """Return actuators and joints of the model without a column."""
+    """Return actuators and joints of the model without a column.
+
+    Parameters
+    ----------
+    plant : Plant
+        Model.
+    used : sequence of Match
+        Matched columns.
+
+    Returns
+    -------
+    list of str
+        Names with the type of element, such as ``joint 'elbow'``.
+    """
     driven = {match.at for match in used if match.is_input}
     shown = {_joint_at(plant, match.at) for match in used if not match.is_input}
     model: Any = plant.model

@@ -111,12 +111,17 @@ def open_model(model: str, folder: Path) -> DraftModel:
 
 
 def relative(path: Path, folder: Path) -> tuple[str, bool]:
-    """Return a path relative to the folder of a case, and whether the path leaves the folder.
+    """Return a path relative to the folder of a case.
 
     Parameters
     ----------
     path, folder : Path
         File and folder.
+
+    Returns
+    -------
+    tuple of (str, bool)
+        Relative path, and whether the path leaves the folder.
     """
     real, base = path.resolve(), folder.resolve()
     name = Path(os.path.relpath(real, base)).as_posix()

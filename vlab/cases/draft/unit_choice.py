@@ -1,4 +1,4 @@
-"""Units of matched columns: stated, inside the ranges of the model, or as the simulation tells.
+"""Units of matched columns.
 
 A column without a stated unit has the unit in which all columns of its group stay inside the ranges of the model. If
 several units remain, the first seconds are simulated in each. If the simulation tells nothing, the size decides.
@@ -110,7 +110,7 @@ def choose_units(log: Log, clock: LogClock, plant: Plant, used: Sequence[Match])
 
 
 def _inside(log: Log, plant: Plant, members: Sequence[Match]) -> tuple[tuple[str, ...], str]:
-    """Return the units in which all columns stay inside the ranges of the model, with the reason."""
+    """Return the units that keep all columns inside the ranges, with the reason."""
     si = unit_of(plant, members[0])
     candidates = CANDIDATES[si]
     limits = [(m, limits_of(plant, m.at, m.kind, is_input=m.is_input)) for m in members]
@@ -167,7 +167,7 @@ def _simulated(
 
 
 def residual_share(log: Log, clock: LogClock, plant: Plant, matches: Sequence[Match]) -> float:
-    """Return what the simulation leaves of the readings, of the mean square over the channels.
+    """Return the share of the readings that the simulation leaves over.
 
     Parameters
     ----------

@@ -1,6 +1,7 @@
-"""Check of a case: each channel beside its simulation, mistakes of the file, limits of a diagnosis.
+"""Check of a case before a diagnosis.
 
-The check simulates every recording once with the nominal model, and fits nothing but the initial state.
+The check sets each channel beside its simulation, and names mistakes of the file and limits of a diagnosis. The check
+simulates every recording once with the nominal model, and fits nothing but the initial state.
 """
 
 import time

@@ -40,7 +40,7 @@ def refusals(case: Case, runs: Sequence[Run], check: FileCheck) -> list[str]:
     list of str
         Reasons; empty where the tests find none.
     """
-    out = []
+    out: list[str] = []
     fitted = [run for run in runs if run.role == "fit"]
     if fitted:
         out += assess_quality(runs, fitted, check).fatal
@@ -92,6 +92,11 @@ def unseen_joints(plant: Plant, runs: Sequence[Run]) -> list[str]:
         Model.
     runs : sequence of Run
         Recordings.
+
+    Returns
+    -------
+    list of str
+        One remark a joint; empty where other sensors show the joints together.
     """
     model: Any = plant.model
     compared = [c for run in runs for c in run.compared]

@@ -70,7 +70,18 @@ def linear_problem(case: Case) -> Problem | None:
 
 
 def is_linear(plant: Plant) -> bool:
-    """Return whether a model is linear at any motion, within the tolerance of the linear class."""
+    """Return whether a model is linear at any motion.
+
+    Parameters
+    ----------
+    plant : Plant
+        Model.
+
+    Returns
+    -------
+    bool
+        Within the tolerance of the linear class, and without actuator states.
+    """
     if plant.model.na:
         return False
     try:
