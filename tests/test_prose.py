@@ -43,6 +43,7 @@ ROOMS = [
     "vlab/diagnose/inference",
     "vlab/diagnose/search",
     "vlab/diagnose/validation",
+    "vlab/diagnose/precheck",
     "vlab/diagnose/problem.py",
     "vlab/diagnose/diagnosis.py",
     "vlab/diagnose/findings.py",

@@ -39,6 +39,7 @@ ROOMS = [
     "vlab.diagnose.advice",
     "vlab.diagnose.frequency_pipeline",
     "vlab.diagnose.pipeline",
+    "vlab.diagnose.precheck",
     "vlab.diagnose.export",
     "vlab.proof",
     "vlab.reproduce",

@@ -13,8 +13,8 @@ from vlab.cases.checks.periods import check_periods
 from vlab.cases.checks.ranges import check_ranges
 from vlab.cases.places import suggest
 from vlab.cases.simulate import simulate
-from vlab.diagnose.export import toml_text
 from vlab.errors import BadCase, BadRecording, UnknownName, VlabError
+from vlab.files.toml_writer import toml_text
 from vlab.recordings.selection import parse_where
 
 RIG = """<mujoco><compiler angle="radian"/><option timestep="0.001" gravity="0 0 0"/><worldbody>

@@ -223,8 +223,11 @@ def test_a_divergence_is_one_line_and_status_1(capsys, tmp_path):
         (["modal-test", "nowhere"], "nowhere: there is no such file"),
         (["compare", "nowhere"], "nowhere"),
         (["show", "nowhere"], "no run.rrd here"),
-        (["dance"], "invalid choice: 'dance'"),
-        ([], "required: VERB"),
+        (["dance"], "unknown command 'dance' (accepted: demo, modes"),
+        (["diagnos", "case.toml"], "unknown command 'diagnos'; did you mean 'diagnose'?"),
+        (["modes", "--jsn"], "unknown option '--jsn'; did you mean '--json'?"),
+        (["diagnose", "--out-folder=x"], "unknown option '--out-folder'; did you mean '--out'?"),
+        (["--json"], "required: VERB"),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(capsys, tmp_path, monkeypatch, words, message):
@@ -347,6 +350,19 @@ def test_every_verb_has_help_and_json(capsys):
             main([verb, "--help"])
         assert stop.value.code == 0
         assert build_parser(verb).parse_known_args([verb, "--json", "beam"])[0].json
+
+
+@pytest.mark.parametrize("words", [[], ["help"]], ids=["nothing", "help"])
+def test_without_a_command_the_commands_are_listed(capsys, words):
+    status, out, err = run(capsys, *words)
+    assert (status, err) == (0, "")
+    assert all(f"\n    {verb} " in out for verb in VERBS)
+
+
+def test_help_of_a_command(capsys):
+    status, out, _ = run(capsys, "help", "compare")
+    assert status == 0
+    assert out.startswith("usage: vlab compare")
 
 
 def test_help_needs_no_simulator():

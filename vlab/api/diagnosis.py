@@ -148,12 +148,22 @@ class Diagnosis:
         OutputRefused
             The folder exists, or cannot be written.
         """
+        with output_folder(folder, overwrite=overwrite) as fresh:
+            self.write_into(fresh)
+        return Path(folder)
+
+    def write_into(self, folder: Path) -> None:
+        """Write the files of `save` into an open output folder.
+
+        Parameters
+        ----------
+        folder : Path
+            Folder of `vlab.files.output_folder.output_folder`.
+        """
         from vlab.views.reports.diagnosis import write_diagnosis
 
-        with output_folder(folder, overwrite=overwrite) as fresh:
-            write_diagnosis(self.done, fresh)
-            write_manifest(fresh, verb="diagnose", case=str(self.case.path))
-        return Path(folder)
+        write_diagnosis(self.done, folder)
+        write_manifest(folder, verb="diagnose", case=str(self.case.path))
 
     def _reason(self) -> str:
         return "; ".join(self.done.diagnosis.quality) or "its files contradict the description"

@@ -25,10 +25,12 @@ from vlab.plants.mjcf import build_mjcf
 from vlab.recordings import open_table
 from vlab.recordings.assemble import on_even_stamps, to_recording
 from vlab.recordings.selection import parse_where, select_rows
-from vlab.recordings.table import Table
+from vlab.recordings.table import READERS, Table
 from vlab.structure.model import Structure
 from vlab.structure.reader import BUILT_IN, load_structure
 
+CASE = "case.toml"
+"""CASE: name of the case file in its folder."""
 _NAMED = {
     "body": ("mass", "inertia", "length"),
     "geom": ("mass",),
@@ -253,13 +255,43 @@ class Case:
         conditions = parse_where(table.where) if table.where else ()
         compared = [condition.column for condition in conditions]
         file = self.open_file(table.file, columns=[*columns, *times, *compared], blanks=[*columns, *times])
-        specs = [
-            c.spec(label, time_unit=table.time_unit)
-            for c, label in zip(table.channel, table.channel_names, strict=True)
-        ]
-        file = select_rows(file, conditions)
-        whole = to_recording(file, specs, rate_hz=table.rate_hz, time=table.time, time_unit=table.time_unit)
-        return make_run(self.plant, name, table, on_even_stamps(whole), self.hardware)
+        return read_run(self.plant, name, table, file, self.hardware)
+
+
+def read_run(plant: Plant, name: str, table: RecordingTable, file: Table, hardware: Hardware | None = None) -> Run:
+    """Label the columns of an open file and map the channels.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    name : str
+        Name of the run.
+    table : RecordingTable
+        Recording of the case file.
+    file : Table
+        Columns of the file.
+    hardware : Hardware or None
+        Hardware of the laboratory, if the case names one.
+
+    Returns
+    -------
+    Run
+        Recording with its channel map.
+
+    Raises
+    ------
+    BadRecording
+        The file contradicts the description.
+    BadCase
+        The model cannot take the inputs.
+    """
+    specs = [
+        c.spec(label, time_unit=table.time_unit) for c, label in zip(table.channel, table.channel_names, strict=True)
+    ]
+    rows = select_rows(file, parse_where(table.where) if table.where else ())
+    whole = to_recording(rows, specs, rate_hz=table.rate_hz, time=table.time, time_unit=table.time_unit)
+    return make_run(plant, name, table, on_even_stamps(whole), hardware)
 
 
 def load_case(path: Path | str, *, allow_outside: bool = False) -> Case:
@@ -286,7 +318,14 @@ def load_case(path: Path | str, *, allow_outside: bool = False) -> Case:
     """
     path = Path(path)
     is_folder = path.is_dir()
-    path = path / "case.toml" if is_folder else path
+    if is_folder and not (path / CASE).exists():
+        raise BadCase(f"{path}: there is no {CASE} in this folder; draft one: vlab init MODEL.xml LOG... --out {path}")
+    if path.suffix.lower() in READERS and path.is_file():
+        raise BadCase(
+            f"{path}: this is a recording, and a case is a TOML file that names a model and recordings; "
+            f"draft one: vlab init MODEL.xml {path}"
+        )
+    path = path / CASE if is_folder else path
     reader = Reader(path, provenance_required=False, error=BadCase)
     if is_folder and path.exists():  # a file that the user names directly may be a link
         check_file(reader, "", path.name)

@@ -16,6 +16,8 @@ from vlab.recordings.overview import kind_of
 
 _INPUTS = ("command", "moment", "force", "voltage", "current")
 """Kinds of a column that more often drive than show a model."""
+_GENERIC = {"joint", "jnt", "hinge", "slide", "servo", "motor", "actuator", "act", "sensor", "encoder", "enc"}
+"""Words of an element's name that say what the element is; a log often leaves such words out."""
 _NUMBER = re.compile(r"(?:\[(\d+)\]|[_/.]?(\d+))\s*(?:[._/]\w+)?\s*$")
 _ONE_WAY = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
@@ -39,7 +41,9 @@ class Suggestion:
     is_input: bool
 
 
-def suggest(column: str, plant: Plant, *, is_input: bool | None = None) -> Suggestion | None:
+def suggest(
+    column: str, plant: Plant, *, is_input: bool | None = None, first: int = 0, kind: str = ""
+) -> Suggestion | None:
     """Return the place that the name of a column suggests.
 
     Parameters
@@ -50,27 +54,35 @@ def suggest(column: str, plant: Plant, *, is_input: bool | None = None) -> Sugge
         Model.
     is_input : bool, optional
         Whether the column drives the model; from its name by default.
+    first : int
+        Number of the first joint or actuator in the names of columns.
+    kind : str
+        Quantity of the column, where the name tells none.
 
     Returns
     -------
     Suggestion or None
-        None if the name fits no single place. Names count first, then numbers from zero in the order of the model.
+        None if the name fits no single place. Names count first, then numbers in the order of the model.
     """
-    kind = kind_of(column)
+    kind = kind_of(column) or kind
     drives = kind in _INPUTS if is_input is None else is_input
-    joints = _joints(plant)
+    joints = joints_of(plant)
     if drives:
         actuators = [tap.name for tap in plant.actuators if tap.name]
         joint = _named(column, joints)
-        of_joint = _actuators_of(plant, joint) if joint else []
-        at = of_joint[0] if len(of_joint) == 1 else _named(column, actuators) or _numbered(column, actuators, kind)
+        of_joint = actuators_of(plant, joint) if joint else []
+        at = (
+            of_joint[0]
+            if len(of_joint) == 1
+            else _named(column, actuators) or _numbered(column, actuators, kind, first)
+        )
         kind = "command" if kind in ("", "position") else kind
         return None if at is None else Suggestion(at=at, kind=kind, is_input=True)
     sensors = [tap.name for tap in plant.sensors]
     sensor = next((tap for tap in plant.sensors if tap.name == column), None)
     if sensor is not None:
         return Suggestion(at=sensor.name, kind=sensor.kind, is_input=False)
-    joint = _named(column, joints) or _numbered(column, joints, kind)
+    joint = _named(column, joints) or _numbered(column, joints, kind, first)
     if joint is not None and kind in ("position", "velocity", "acceleration", ""):
         return Suggestion(at=f"joint:{joint}", kind=_kind(plant, joint, kind), is_input=False)
     named = _named(column, sensors)
@@ -78,7 +90,8 @@ def suggest(column: str, plant: Plant, *, is_input: bool | None = None) -> Sugge
     return None if tap is None else Suggestion(at=tap.name, kind=tap.kind, is_input=False)
 
 
-def _joints(plant: Plant) -> list[str]:
+def joints_of(plant: Plant) -> list[str]:
+    """Return the named hinges and slides of a model."""
     model = plant.model
     return [
         model.joint(i).name for i in range(model.njnt) if int(model.jnt_type[i]) in _ONE_WAY and model.joint(i).name
@@ -93,7 +106,21 @@ def _kind(plant: Plant, joint: str, kind: str) -> str:
     return "angle" if is_hinge else "displacement"
 
 
-def _actuators_of(plant: Plant, joint: str) -> list[str]:
+def actuators_of(plant: Plant, joint: str) -> list[str]:
+    """Return the named actuators on a joint.
+
+    Parameters
+    ----------
+    plant : Plant
+        Model.
+    joint : str
+        Name of the joint.
+
+    Returns
+    -------
+    list of str
+        Names in the order of the model.
+    """
     model: Any = plant.model
     number = int(model.joint(joint).id)
     kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
@@ -112,22 +139,65 @@ def _words(name: str) -> list[str]:
 
 
 def _named(column: str, names: Sequence[str]) -> str | None:
-    """Return the name whose words follow each other in a column's name; the longest counts."""
+    """Return the name whose words follow each other in a column's name; the longest counts.
+
+    Where no whole name is found, names count without their generic words.
+    """
     words = _words(column)
-    found = []
-    for name in names:
-        own = _words(name)
-        if own and any(words[i : i + len(own)] == own for i in range(len(words) - len(own) + 1)):
-            found.append(name)
-    longest = max((len(_words(name)) for name in found), default=0)
-    best = [name for name in found if len(_words(name)) == longest]
-    return best[0] if len(best) == 1 else None
+    for shortened in (False, True):
+        found = []
+        for name in names:
+            own = [w for w in _words(name) if w not in _GENERIC or not shortened]
+            if own and any(words[i : i + len(own)] == own for i in range(len(words) - len(own) + 1)):
+                found.append((len(own), name))
+        longest = max((length for length, _ in found), default=0)
+        best = [name for length, name in found if length == longest]
+        if best:
+            return best[0] if len(best) == 1 else None
+    return None
 
 
-def _numbered(column: str, names: Sequence[str], kind: str) -> str | None:
+def is_in_name(column: str, names: Sequence[str]) -> bool:
+    """Return whether a column's name holds one of some names.
+
+    Parameters
+    ----------
+    column : str
+        Name of the column.
+    names : sequence of str
+        Names of elements, whose generic words may be missing.
+    """
+    return any(_named(column, [name]) is not None for name in names)
+
+
+def numbered_from(columns: Sequence[str], count: int) -> int:
+    """Return the number of the first element in numbered columns.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        Names of columns of one file.
+    count : int
+        Number of joints or actuators.
+
+    Returns
+    -------
+    int
+        1 if some names are alike but for numbers from 1 to `count`, else 0.
+    """
+    stems: dict[str, set[int]] = {}
+    for column in columns:
+        match = _NUMBER.search(column)
+        if match is not None:
+            span = match.span(1) if match[1] else match.span(2)
+            stems.setdefault(column[: span[0]] + column[span[1] :], set()).add(int(match[1] or match[2]))
+    return int(any(numbers == set(range(1, count + 1)) for numbers in stems.values()))
+
+
+def _numbered(column: str, names: Sequence[str], kind: str, first: int) -> str | None:
     """Return the name of a numbered column, such as ``qpos_0`` or ``position[2]``."""
     match = _NUMBER.search(column)
     if match is None or not kind:
         return None
-    number = int(match[1] or match[2])
-    return names[number] if number < len(names) else None
+    number = int(match[1] or match[2]) - first
+    return names[number] if 0 <= number < len(names) else None

@@ -236,7 +236,7 @@ class _Writer:
             raise self.reader.fail(
                 key, f"{count} {pattern!r}; files of the case's folder: {', '.join(map(one_line, there))}"
             )
-        return sorted(names, key=_natural)
+        return sorted(names, key=natural_key)
 
     def episodes(self, one: dict[str, Any], place: str) -> Iterator[dict[str, Any]]:
         """Yield the recordings of the episodes that a table names."""
@@ -365,6 +365,17 @@ def _stem(file: str) -> str:
     return name.removesuffix("".join(Path(name).suffixes[-2:] if name.endswith(".gz") else Path(name).suffixes[-1:]))
 
 
-def _natural(name: str) -> list[Any]:
-    """Return a key that sorts run2 before run10."""
+def natural_key(name: str) -> list[Any]:
+    """Return a key that sorts run2 before run10.
+
+    Parameters
+    ----------
+    name : str
+        Name of a file.
+
+    Returns
+    -------
+    list
+        Sort key.
+    """
     return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name)]

@@ -6,6 +6,7 @@ one line on stderr. With ``--json`` one JSON document goes to stdout and nothing
 
 import argparse
 import contextlib
+import difflib
 import errno
 import importlib
 import io
@@ -14,7 +15,7 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NoReturn
 
 from vlab import __version__
@@ -35,6 +36,8 @@ VERBS = {
     "modal-test": "Estimate frequency responses, poles and mode shapes from recordings",
     "reproduce": "Reproduce the tables of the dissertation",
     "correct": "Correct a reduced model by a simulated modal test of a deviating structure",
+    "init": "Draft a case from a MuJoCo model and recordings",
+    "check": "Check a case in seconds before a diagnosis: signs, units, delays, excitation, noise",
     "columns": "List the columns of a recording with their ranges and units",
     "compare": "Compare recordings of a case with the nominal model",
     "diagnose": "Find missing physics in a model from recordings",
@@ -94,6 +97,38 @@ def build_parser(chosen: str | None = None) -> argparse.ArgumentParser:
     return parser
 
 
+def _parser_of(parser: argparse.ArgumentParser, verb: str) -> argparse.ArgumentParser:
+    """Return the parser of one command."""
+    (verbs,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
+    found: argparse.ArgumentParser = verbs.choices[verb]
+    return found
+
+
+def _check_words(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
+    """Refuse an unknown command or option with the nearest known one.
+
+    argparse would name a missing argument before an unknown option, and no near name.
+    """
+    first = next((word for word in words if not word.startswith("-")), None)
+    if first is None:
+        return
+    if first not in VERBS:
+        parser.error(f"unknown command {first!r}{_nearest(first, VERBS)} (accepted: {', '.join(VERBS)})")
+    own = _parser_of(parser, first)
+    known = [*own._option_string_actions, *parser._option_string_actions]
+    for word in words:
+        option = word.partition("=")[0]
+        if word == "--":
+            return
+        if option.startswith("--") and option not in known:
+            own.error(f"unknown option {option!r}{_nearest(option, known)}")
+
+
+def _nearest(given: str, known: Iterable[str]) -> str:
+    near = difflib.get_close_matches(given, list(known), n=1, cutoff=0.5)
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
 def _module(verb: str) -> Any:
     return importlib.import_module(f"vlab.cli.{verb.replace('-', '_')}")
 
@@ -138,7 +173,12 @@ def _run(words: Sequence[str]) -> int:
     """Run one command, print its outcome, and return its exit status."""
     chosen = next((word for word in words if word in VERBS), None)
     with LeavingAtOnce():
-        arguments = build_parser(chosen).parse_args(words)
+        parser = build_parser(chosen)
+        if not words or words[0] == "help":
+            (parser if chosen is None else _parser_of(parser, chosen)).print_help()
+            return 0
+        _check_words(parser, words)
+        arguments = parser.parse_args(words)
         module = _module(arguments.verb)
     if "mujoco" in sys.modules:  # MuJoCo would log warnings to the working folder; `check_run` reports them
         sys.modules["mujoco"].set_mju_user_warning(lambda text: None)

@@ -9,10 +9,8 @@ from vlab.cli.common import Outcome, text_table
 from vlab.files.text import in_line
 from vlab.plants.base import Plant
 from vlab.plants.mjcf import build_mjcf
-from vlab.recordings import open_table
-from vlab.recordings.datasets import bag_file, read_dataset
+from vlab.recordings.datasets import open_any
 from vlab.recordings.overview import ColumnOverview, overview
-from vlab.recordings.table import EVERY, Table
 
 HEADERS = ("column", "rows", "blank", "from", "to", "unit", "kind")
 
@@ -43,7 +41,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     Outcome
         Document and text of the command.
     """
-    table, names = _open(Path(arguments.file), arguments.episode)
+    table, names = open_any(Path(arguments.file), arguments.episode)
     plant = build_mjcf(Path(arguments.model)) if arguments.model else None
     columns = overview(table)
     document: dict[str, Any] = {
@@ -53,23 +51,6 @@ def run(arguments: argparse.Namespace) -> Outcome:
         "notes": list(table.notes),
     }
     return Outcome(document=document, text=_text(document))
-
-
-def _open(path: Path, episode: int) -> tuple[Table, dict[str, str]]:
-    """Return the table of a file or folder, and the names of its elements."""
-    data = None
-    if path.is_dir():
-        data = read_dataset(path)
-        path = path / (bag_file(path) if data is None else data.file_of(episode))
-    elif path.exists() and path.resolve().parent.name.startswith("chunk-"):  # the layout of a data set
-        above = [read_dataset(folder) for folder in list(path.resolve().parents)[:3]]
-        data = next((found for found in above if found is not None), None)
-    names: dict[str, str] = {}
-    for vector, elements in ({} if data is None else data.elements).items():
-        names |= {f"{vector}[{i}]": f"{vector}[{name}]" for i, name in enumerate(elements)}
-    table = open_table(path, blanks=EVERY)
-    names |= {column: alias for alias, column in table.aliases.items()}
-    return table, names
 
 
 def _column(column: ColumnOverview, name: str, plant: Plant | None) -> dict[str, Any]:

@@ -5,17 +5,26 @@ import json
 from pathlib import Path
 from typing import Any
 
+from vlab.api.diagnosis import Diagnosis as Answer
 from vlab.api.diagnosis import diagnose
 from vlab.cases import load_case
+from vlab.cases.case import CASE, Case
+from vlab.cases.draft import Draft, draft_case
 from vlab.cli.case_argument import add_case
+from vlab.cli.check import check_words, write_check
 from vlab.cli.common import Outcome, share_bar, text_table
-from vlab.cli.destination import add_out, check_out
+from vlab.cli.destination import add_out, check_out, destination
+from vlab.cli.init import add_clock, draft_words, next_command
 from vlab.diagnose.advice import RESERVED, attempt_sentence, before_heading, format_probability
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding
-from vlab.errors import BadExperiment
+from vlab.diagnose.precheck import Precheck, precheck_case
+from vlab.errors import BadCase, BadExperiment
+from vlab.files.output_folder import output_folder, write_manifest
 from vlab.files.text import in_line
 from vlab.standalone.answer import FOLDER, PATCH
 
+DEFAULT = "out/diagnosis"
+"""DEFAULT: folder of a diagnosis of logs, which is numbered."""
 OF_THE_FIT_ALONE = (
     "The effect that explains the fit recordings has no effect on the held-out recordings: nothing is verified."
 )
@@ -31,7 +40,11 @@ VERDICTS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    add_case(parser)
+    add_case(parser, "read this case folder with case.toml, or case file; or a model (MJCF .xml) before its logs")
+    parser.add_argument(
+        "logs", nargs="*", metavar="LOG", help="draft the case from the model and these recordings, as vlab init does"
+    )
+    add_clock(parser)
     parser.add_argument(
         "--effect",
         action="append",
@@ -80,12 +93,26 @@ def run(arguments: argparse.Namespace) -> Outcome:
     Outcome
         Document and text of the command.
     """
-    check_out(arguments, read=[arguments.case])
+    check_out(arguments, read=[arguments.case, *arguments.logs])
+    if arguments.logs:
+        with destination(arguments, DEFAULT) as out:
+            return _of_logs(arguments, out)
+    stated = next((f"--{name.replace('_', '-')}" for name in ("time", "rate_hz") if getattr(arguments, name)), None)
+    if stated is not None:
+        raise BadExperiment(f"{stated} is for logs after a model; a case states the clock of its recordings itself")
     if arguments.patch and not arguments.out:
         raise BadExperiment("--patch prints what is written to a folder; give --out DIR as well")
-    case = load_case(arguments.case, allow_outside=arguments.allow_outside)
+    result = _searched(arguments, load_case(arguments.case, allow_outside=arguments.allow_outside))
+    if not arguments.out:
+        return Outcome(document=result.done.diagnosis.to_json(), text=_text(result.done.diagnosis))
+    document, written = _written(arguments, result, Path(arguments.out))
+    return Outcome(document=document, text="\n".join([_text(result.done.diagnosis), *written]))
+
+
+def _searched(arguments: argparse.Namespace, case: Case) -> Answer:
+    """Diagnose a case with a progress bar."""
     with share_bar("diagnose") as report:
-        result = diagnose(
+        return diagnose(
             case,
             effects=arguments.effect,
             families=arguments.family or None,
@@ -93,18 +120,27 @@ def run(arguments: argparse.Namespace) -> Outcome:
             time_limit=arguments.time_limit,
             progress=report,
         )
-    document, text = result.done.diagnosis.to_json(), [_text(result.done.diagnosis)]
-    if not arguments.out:
-        return Outcome(document=document, text=text[0])
-    result.save(arguments.out, overwrite=arguments.overwrite)
-    folder = Path(arguments.out)
-    plain = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8")).get("mujoco")
-    document |= {"out": str(arguments.out), "mujoco": plain}
-    text += ["", f"written to {arguments.out}", *_for_mujoco(plain, folder)]
+
+
+def _written(
+    arguments: argparse.Namespace,
+    result: Answer,
+    out: Path,
+    *,
+    draft: Draft | None = None,
+    checked: Precheck | None = None,
+) -> tuple[dict[str, Any], list[str]]:
+    """Write the results with the drafted case and its check; return the document and lines on the files."""
+    with output_folder(out, overwrite=arguments.overwrite or draft is not None) as folder:
+        result.write_into(folder)
+        _write_drafted(folder, draft, checked)
+    plain = json.loads((out / "diagnosis.json").read_text(encoding="utf-8")).get("mujoco")
+    document = {**result.done.diagnosis.to_json(), "out": str(out), "mujoco": plain}
+    lines = ["", f"written to {out}", *_for_mujoco(plain, out)]
     if arguments.patch:
-        document["patch"] = (folder / FOLDER / PATCH).read_text(encoding="utf-8") if plain else ""
-        text += ["", document["patch"]]
-    return Outcome(document=document, text="\n".join(text))
+        document["patch"] = (out / FOLDER / PATCH).read_text(encoding="utf-8") if plain else ""
+        lines += ["", document["patch"]]
+    return document, lines
 
 
 def _for_mujoco(plain: dict[str, Any] | None, out: Path) -> list[str]:
@@ -117,6 +153,60 @@ def _for_mujoco(plain: dict[str, Any] | None, out: Path) -> list[str]:
     return lines + [
         f"  {in_line(label)}: not written, {in_line(reason)}" for label, reason in plain["not_written"].items()
     ]
+
+
+def _write_drafted(folder: Path, draft: Draft | None, checked: Precheck | None) -> None:
+    if draft is not None:
+        (folder / CASE).write_text(draft.text, encoding="utf-8")
+    if checked is not None:
+        write_check(checked, folder)
+
+
+def _of_logs(arguments: argparse.Namespace, out: Path) -> Outcome:
+    """Draft a case, check the case, and diagnose.
+
+    Case and check are written before the search, so that an error of the search leaves both.
+    """
+    if Path(arguments.case).is_dir() or Path(arguments.case).name == CASE:
+        raise BadCase(
+            f"{arguments.case} is a case, which names its recordings itself, and {arguments.logs[0]} is given beside "
+            "the case; leave the logs away, or give a model (MJCF .xml) before them"
+        )
+    logs = [Path(name) for name in arguments.logs]
+    draft = draft_case(arguments.case, logs, out, time=arguments.time, rate_hz=arguments.rate_hz)
+    path = out / CASE
+    checked: Precheck | None = None
+    for _ in range(2):  # the case first, for the check reads the case where it stays
+        with output_folder(out, overwrite=arguments.overwrite or checked is not None) as folder:
+            _write_drafted(folder, draft, checked)
+            write_manifest(folder, verb="diagnose", case=str(path))
+        if checked is None:
+            with share_bar("check") as report:
+                checked = precheck_case(path, allow_outside=draft.leaves_folder, progress=report)
+    assert checked is not None
+    case = load_case(path, allow_outside=draft.leaves_folder)
+    result = _searched(arguments, case)
+    document, written = _written(arguments, result, out, draft=draft, checked=checked)
+    document |= {
+        "case": str(path),
+        "draft": draft.to_json(),
+        "check": checked.to_json(),
+    }
+    parts = [
+        "Drafted case",
+        draft_words(draft),
+        "",
+        "Check",
+        check_words(checked),
+        "",
+        "Diagnosis",
+        _text(result.done.diagnosis),
+    ]
+    again = next_command("diagnose", path, draft)
+    return Outcome(
+        document=document,
+        text="\n".join([*parts, *written, f"the drafted case is {path}", f"after a change of the case: {again}"]),
+    )
 
 
 def _text(diagnosis: Diagnosis) -> str:

@@ -23,6 +23,7 @@ from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
 from vlab.diagnose.settings import EXPORT
 from vlab.diagnose.validation.frequency import checked_again
 from vlab.errors import BadExperiment, OutputRefused, VlabError
+from vlab.files.toml_writer import Verbatim, toml_text, toml_value
 from vlab.physics.attach import Attached, written
 from vlab.physics.catalogue import effect_named
 from vlab.plants.base import Plant
@@ -388,60 +389,6 @@ def _run_again(done: Done, folder: Path) -> tuple[float | None, str]:
 # ---- TOML -----------------------------------------------------------------------------------------------------------
 
 
-def toml_text(table: Mapping[str, Any], path: str = "") -> str:
-    """Return a table as lossless TOML text.
-
-    Parameters
-    ----------
-    table : mapping
-        Table.
-    path : str
-        Dotted name of the table.
-
-    Returns
-    -------
-    str
-        TOML.
-    """
-    plain = {k: v for k, v in table.items() if not isinstance(v, Mapping) and not _is_tables(v)}
-    lines = [f"{_key(k)} = {_value(v)}" for k, v in plain.items()]
-    for key, value in table.items():
-        name = f"{path}.{_key(key)}" if path else _key(key)
-        if isinstance(value, Mapping) and value:
-            lines += ["", f"[{name}]", toml_text(value, name)]
-        elif _is_tables(value):
-            for part in value:
-                lines += ["", f"[[{name}]]", toml_text(part, name)]
-    return "\n".join(lines).strip("\n") + ("\n" if not path else "")
-
-
-def _is_tables(value: Any) -> bool:
-    return (
-        isinstance(value, Sequence)
-        and not isinstance(value, str)
-        and bool(value)
-        and all(isinstance(v, Mapping) for v in value)
-    )
-
-
-def _key(key: str) -> str:
-    bare = key and all(c.isascii() and (c.isalnum() or c in "-_") for c in key)
-    return key if bare else _value(key)
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-        return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + " }"
-    if isinstance(value, Sequence):
-        return "[" + ", ".join(_value(v) for v in value) + "]"
-    return repr(value) if isinstance(value, (int, float)) else str(value)
-
-
 def structure_toml(structure: Structure) -> str:
     """Return a structure as the text of its file."""
     return toml_text(_table(structure))
@@ -458,7 +405,7 @@ def _table(part: Any) -> dict[str, Any]:
             continue
         if "si" in field.metadata:
             numbers = list(value) if isinstance(value, tuple) else value
-            out[field.name] = _Raw(_value({"value": numbers, "unit": field.metadata["si"], **_ORIGIN}))
+            out[field.name] = Verbatim(toml_value({"value": numbers, "unit": field.metadata["si"], **_ORIGIN}))
         elif dataclasses.is_dataclass(value):
             out[field.name] = _table(value)
         elif isinstance(value, Mapping):
@@ -468,13 +415,3 @@ def _table(part: Any) -> dict[str, Any]:
         else:
             out[field.name] = list(value) if isinstance(value, tuple) else value
     return out
-
-
-class _Raw:
-    """Verbatim TOML text."""
-
-    def __init__(self, text: str) -> None:
-        self._text = text
-
-    def __str__(self) -> str:
-        return self._text

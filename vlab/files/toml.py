@@ -85,6 +85,11 @@ class Reader:
             raise self.error(f"{self.file}: there is no such file; check the path") from error
         except (OSError, UnicodeDecodeError) as error:
             raise self.error(f"{self.file}: cannot be read as a TOML text file: {error}") from error
+        if text.lstrip("\ufeff \t\r\n").startswith("<"):
+            raise self.error(
+                f"{self.file}: this is XML, such as a MuJoCo model, and a TOML file was expected; "
+                f"to compare a model with recordings, draft a case: vlab init {self.file} LOG..."
+            )
         return self.parse(text)
 
     def fail(self, path: str, message: str) -> VlabError:

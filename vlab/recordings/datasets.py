@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from vlab.errors import unknown_name
 from vlab.files.text import one_line
 from vlab.recordings.files import read_guarded, refuse
-from vlab.recordings.table import open_table
+from vlab.recordings.table import EVERY, Table, open_table
 
 INFO = Path("meta") / "info.json"
 """INFO: description of a LeRobot data set."""
@@ -261,3 +261,38 @@ def bag_file(folder: Path) -> str:
     if len(logs) > 1:
         raise refuse(folder, f"the bag has {len(logs)} logs", fix=f"name one: {', '.join(map(one_line, logs[:10]))}")
     return logs[0]
+
+
+def open_any(path: Path, episode: int = 0) -> tuple[Table, dict[str, str]]:
+    """Open a recording, an episode of a data set or the log of a bag.
+
+    Parameters
+    ----------
+    path : Path
+        File or folder.
+    episode : int
+        Episode of a LeRobot data set.
+
+    Returns
+    -------
+    tuple of (Table, dict of str to str)
+        Columns of the file, blank cells allowed, and the other name of a column by its name.
+
+    Raises
+    ------
+    BadRecording
+        The file or the description is damaged.
+    """
+    data = None
+    if path.is_dir():
+        data = read_dataset(path)
+        path = path / (bag_file(path) if data is None else data.file_of(episode))
+    elif path.exists() and path.resolve().parent.name.startswith("chunk-"):  # the layout of a data set
+        above = [read_dataset(folder) for folder in list(path.resolve().parents)[:3]]
+        data = next((found for found in above if found is not None), None)
+    names: dict[str, str] = {}
+    for vector, elements in ({} if data is None else data.elements).items():
+        names |= {f"{vector}[{i}]": f"{vector}[{name}]" for i, name in enumerate(elements)}
+    table = open_table(path, blanks=EVERY)
+    names |= {column: alias for alias, column in table.aliases.items()}
+    return table, names

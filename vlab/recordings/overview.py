@@ -14,18 +14,40 @@ from vlab.recordings.table import Table
 from vlab.signals import Array
 
 WORDS = {
-    "time": ("time", "timestamp", "stamp", "t", "x_value"),
-    "command": ("command", "cmd", "action", "target", "goal", "ctrl", "setpoint", "ref", "desired", "u"),
-    "moment": ("torque", "effort", "tau", "moment"),
+    "time": ("time", "timestamp", "stamp", "t", "x_value", "times", "timestamps", "seconds", "secs", "sec"),
+    "temperature": ("temperature", "temp", "temps"),
+    "error": ("error", "err", "errors"),
+    "flag": ("flag", "status", "mode", "enabled", "valid", "id", "flags"),
+    "command": (
+        *("command", "cmd", "action", "target", "goal", "ctrl", "setpoint", "ref", "desired", "u"),
+        *("commanded", "cmds", "actions", "des", "reference", "tgt", "sp", "control"),
+    ),
+    "moment": ("torque", "effort", "tau", "moment", "trq"),
     "force": ("force", "load"),
     "current": ("current", "amp", "amps"),
     "voltage": ("voltage", "volt", "volts"),
     "acceleration": ("acc", "accel", "acceleration", "qacc"),
     "velocity": ("vel", "velocity", "speed", "qvel", "dq", "qd"),
-    "position": ("pos", "position", "qpos", "q", "angle", "state", "displacement", "x", "y", "z"),
+    "position": (
+        *("pos", "position", "qpos", "q", "angle", "state", "displacement", "x", "y", "z"),
+        *("ang", "theta", "angles", "positions"),
+    ),
     "frequency": ("freq", "frequency", "f", "hz"),
 }
 """WORDS: parts of names by the quantity that they suggest; the first match counts."""
+UNIT_KINDS = {
+    "N m": "moment",
+    "N": "force",
+    "A": "current",
+    "V": "voltage",
+    "m/s^2": "acceleration",
+    "rad/s^2": "acceleration",
+    "m/s": "velocity",
+    "rad/s": "velocity",
+    "m": "position",
+    "rad": "position",
+}
+"""UNIT_KINDS: quantity that a stated unit suggests, where the name suggests none."""
 ANGULAR = ("rad", "deg")
 TURN = 2.0 * np.pi
 """TURN [rad]: largest angle of a joint that is read as radians; a larger number suggests degrees."""
@@ -113,12 +135,30 @@ def kind_of(name: str) -> str:
     return next((kind for kind, words in WORDS.items() if set(parts) & set(words)), "")
 
 
+def kind_of_unit(unit: str) -> str:
+    """Return the quantity that a unit suggests, or an empty text.
+
+    Parameters
+    ----------
+    unit : str
+        Unit as stated.
+
+    Returns
+    -------
+    str
+        Key of `WORDS`.
+    """
+    if not unit or units.same_dimension(unit, "1") or "hz" in unit.lower():
+        return ""
+    return next((kind for si, kind in UNIT_KINDS.items() if units.same_dimension(unit, si)), "")
+
+
 def _of_column(table: Table, name: str) -> ColumnOverview:
     values = table[name]
-    kind = "complex" if np.iscomplexobj(values) else kind_of(name)
+    unit = table.units.get(name, "") or _unit_in_name(name)
+    kind = "complex" if np.iscomplexobj(values) else kind_of(name) or kind_of_unit(unit)
     real = np.abs(values) if np.iscomplexobj(values) else values
     there = real[np.isfinite(real)]
-    unit = table.units.get(name, "") or _unit_in_name(name)
     rate = _rate(there, unit) if kind == "time" else None
     if kind == "time" and there.size > 1 and not np.all(np.diff(there) > 0):
         kind = f"time, starts again {int(np.sum(np.diff(there) <= 0))} times"

@@ -105,11 +105,19 @@ class Found:
         Observation and edit of the case.
     channels : tuple of str
         Affected channels.
+    mend : str
+        Edit of the case alone, which `text` holds too; empty if no edit mends the finding.
     """
 
     severity: Severity
     text: str
     channels: tuple[str, ...] = ()
+    mend: str = ""
+
+    @property
+    def what(self) -> str:
+        """Observation without the edit."""
+        return self.text.partition("; to mend it, say in ")[0] if self.mend else self.text
 
 
 @dataclass(frozen=True, kw_only=True)

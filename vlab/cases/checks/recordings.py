@@ -320,7 +320,6 @@ class _Look:
 
     def _found(self, text: str, ways: Sequence[Correction]) -> Found:
         severity: Severity = "warning" if ways[0].is_turned else "fatal"
-        words = (
-            f"{text}; to mend it, say in {self.case.path.name}: {'; or '.join(way.edits(self.case) for way in ways)}"
-        )
-        return Found(severity=severity, text=words, channels=ways[0].channels)
+        mend = "; or ".join(way.edits(self.case) for way in ways)
+        words = f"{text}; to mend it, say in {self.case.path.name}: {mend}"
+        return Found(severity=severity, text=words, channels=ways[0].channels, mend=mend)

@@ -69,6 +69,28 @@ def linear_problem(case: Case) -> Problem | None:
     return with_own_nonlinearity(problem)
 
 
+def is_linear(plant: Plant) -> bool:
+    """Return whether a model is linear at any motion.
+
+    Parameters
+    ----------
+    plant : Plant
+        Model.
+
+    Returns
+    -------
+    bool
+        Within the tolerance of the linear class, and without actuator states.
+    """
+    if plant.model.na:
+        return False
+    try:
+        linear = plant.linearise()
+    except BadStructure:
+        return False
+    return _departure(plant, linear, *_large(plant)) < SCOPE.exact
+
+
 def _large(plant: Plant) -> tuple[Array, Array]:
     """Return reproducible large displacements and velocities."""
     rng = np.random.default_rng(0)

@@ -46,6 +46,7 @@ from vlab.diagnose.settings.parameters import (
     STRUCTURE_PRIORS,
     TERMS,
 )
+from vlab.diagnose.settings.precheck import PRECHECK
 from vlab.diagnose.settings.predictors import (
     EQUIVALENT_TABLE,
     FREQUENCY,
@@ -138,6 +139,7 @@ __all__ = [
     "OWN_NONLINEARITY",
     "PARAMETER_VECTOR",
     "PERMANENT_CHANGE",
+    "PRECHECK",
     "PROBLEM",
     "PROFILE_SCREENING",
     "QUALITY",
@@ -214,6 +216,7 @@ SETTINGS: dict[str, Any] = {
     "parameters.static_offset": STATIC_OFFSET,
     "parameters.structure": STRUCTURE_PRIORS,
     "parameters.terms": TERMS,
+    "precheck.precheck": PRECHECK,
     "predictors.equivalent_table": EQUIVALENT_TABLE,
     "predictors.frequency": FREQUENCY,
     "predictors.frequency_model": FREQUENCY_MODEL,

@@ -10,7 +10,19 @@ from scipy import signal
 
 from vlab.errors import BadRecording, unknown_name
 from vlab.signals import Array, Channel, Recording
-from vlab.views.figures.style import DASHES, POINTS, axis_label, decimate, draw_legend, draw_line, stacked_axes, styled
+from vlab.views.figures.style import (
+    DASHES,
+    POINTS,
+    as_text,
+    axis_label,
+    channel_label,
+    decimate,
+    draw_legend,
+    draw_line,
+    pretty_unit,
+    stacked_axes,
+    styled,
+)
 
 
 def aligned(measured: Recording, simulated: Recording, channel: str) -> tuple[Array, Array, Array]:
@@ -67,6 +79,7 @@ def traces_figure(
     start: float | None = None,
     stop: float | None = None,
     limit: int = POINTS,
+    is_titled: bool = False,
 ) -> Figure:
     """Draw time histories, one axis per channel, with overlaid recordings.
 
@@ -80,6 +93,8 @@ def traces_figure(
         Drawn stretch [s].
     limit : int
         Most points of a line.
+    is_titled : bool
+        Whether the name of a channel stands above its axes, for long names.
 
     Returns
     -------
@@ -96,7 +111,9 @@ def traces_figure(
                 x, y = recording.time[keep], recording[channel.name][keep]
                 dash = {"linestyle": "-"} if x.size > 4 * limit else {}
                 handles[label] = draw_line(row, *decimate(x, y, limit=limit), k, lw=0.8, **dash)
-        row.set_ylabel(axis_label(channel))
+        row.set_ylabel(as_text(f"[{pretty_unit(channel.unit)}]") if is_titled else axis_label(channel))
+        if is_titled:
+            row.set_title(as_text(channel_label(channel)), loc="left")
         row.ticklabel_format(axis="y", scilimits=(-3, 4))
         row.margins(x=0)
     axes[-1].set_xlabel("time [s]")

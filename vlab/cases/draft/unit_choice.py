@@ -1,0 +1,244 @@
+"""Units of matched columns.
+
+A column without a stated unit has the unit in which all columns of its group stay inside the ranges of the model. If
+several units remain, the first seconds are simulated in each. If the simulation tells nothing, the size decides.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice, product
+from typing import Any
+
+import numpy as np
+
+from vlab import units
+from vlab.cases.case import read_run
+from vlab.cases.checks.beside import UNEXPLAINED, first_seconds
+from vlab.cases.checks.ranges import is_inside, limits_of
+from vlab.cases.description import ChannelTable, RecordingTable
+from vlab.cases.draft.logs import Log, LogClock
+from vlab.cases.draft.matching import Match, unit_of
+from vlab.cases.simulate import simulate
+from vlab.errors import VlabError
+from vlab.plants.base import Plant
+from vlab.recordings.overview import TURN
+from vlab.signals import Array
+
+CANDIDATES = {
+    "rad": ("rad", "deg"),
+    "rad/s": ("rad/s", "deg/s", "rpm"),
+    "rad/s^2": ("rad/s^2", "deg/s^2"),
+    "m": ("m", "mm"),
+    "m/s": ("m/s", "mm/s"),
+    "m/s^2": ("m/s^2", "g"),
+}
+"""CANDIDATES: units of a log by SI unit, the usual one first."""
+STEPS_TRIED = 4000
+"""STEPS_TRIED [1]: integration steps of each trial."""
+MOST_TRIED = 12
+"""MOST_TRIED [1]: largest number of trials, each another choice of units."""
+CONFIRMED = 0.1
+"""CONFIRMED [1]: largest residual share with which the simulation confirms the clock; no other clock leaves so little."""
+CLEARLY = 0.5
+"""CLEARLY [1]: largest residual share of a choice over that of every other choice. A unit mistake changes a share by
+far more; a tie of linear models stays near 1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Group:
+    """Columns of a log that share a unit.
+
+    Parameters
+    ----------
+    si : str
+        SI unit.
+    is_input : bool
+        Whether the columns drive the model.
+    """
+
+    si: str
+    is_input: bool
+
+
+def choose_units(log: Log, clock: LogClock, plant: Plant, used: Sequence[Match]) -> tuple[Match, ...]:
+    """Choose the unit of every matched column.
+
+    Parameters
+    ----------
+    log : Log
+        First log.
+    clock : LogClock
+        Clock of the log.
+    plant : Plant
+        Model.
+    used : sequence of Match
+        Matched columns.
+
+    Returns
+    -------
+    tuple of Match
+        Columns with unit and reason.
+    """
+    out, groups = [], dict[Group, list[int]]()
+    for i, match in enumerate(used):
+        si = unit_of(plant, match)
+        if match.stated and (not si or units.same_dimension(match.stated, si)):
+            out.append(replace(match, unit=match.stated, why_unit="stated by file or name"))
+        elif si in CANDIDATES:
+            out.append(match)
+            groups.setdefault(Group(si=si, is_input=match.is_input), []).append(i)
+        else:
+            unit = {"voltage": "V", "current": "A"}.get(match.kind, si)
+            out.append(replace(match, unit=unit, why_unit="the unit of the model" if unit else ""))
+    left = {group: _inside(log, plant, [out[i] for i in members]) for group, members in groups.items()}
+    said = {group: (units_left[0], why) for group, (units_left, why) in left.items() if len(units_left) == 1}
+    several = {group: units_left for group, (units_left, _) in left.items() if len(units_left) > 1}
+    tried = _simulated(log, clock, plant, out, groups, said, several) if several else {}
+    for group, members in groups.items():
+        sure = group in said or group in tried
+        alike = [
+            g for g in groups if g.si == group.si and g not in said and g not in tried
+        ]  # their sizes belong together
+        all_alike = [out[i] for g in alike for i in groups[g]]
+        unit, why = said.get(group) or tried.get(group) or _by_size(log, plant, group.si, all_alike, said)
+        for i in members:
+            out[i] = replace(out[i], unit=unit, why_unit=why, is_unit_sure=sure)
+    return tuple(out)
+
+
+# ---- ranges of the model -----------------------------------------------------------------------------------------
+
+
+def _inside(log: Log, plant: Plant, members: Sequence[Match]) -> tuple[tuple[str, ...], str]:
+    """Return the units that keep all columns inside the ranges, with the reason."""
+    si = unit_of(plant, members[0])
+    candidates = CANDIDATES[si]
+    limits = [(m, limits_of(plant, m.at, m.kind, is_input=m.is_input)) for m in members]
+    known = [(m, found) for m, found in limits if found is not None]
+    kept = tuple(
+        unit
+        for unit in candidates
+        if all(is_inside(_values(log, m) * units.factor(unit, si), found) for m, found in known)
+    )
+    if not known or not kept or len(kept) == len(candidates):
+        return candidates, ""
+    other = next(unit for unit in candidates if unit not in kept)
+    out = next(m for m, found in known if not is_inside(_values(log, m) * units.factor(other, si), found))
+    return kept, f"in {other} {out.label!r} would leave the range of the model"
+
+
+def _values(log: Log, match: Match) -> Array:
+    values = log.table.real(match.column)
+    return np.asarray(values[np.isfinite(values)])
+
+
+# ---- simulation --------------------------------------------------------------------------------------------------
+
+
+def _simulated(
+    log: Log,
+    clock: LogClock,
+    plant: Plant,
+    matches: Sequence[Match],
+    groups: Mapping[Group, Sequence[int]],
+    said: Mapping[Group, tuple[str, str]],
+    several: Mapping[Group, tuple[str, ...]],
+) -> dict[Group, tuple[str, str]]:
+    """Return the units of groups that the simulation tells clearly."""
+    open_groups = list(several)
+    shares: dict[tuple[str, ...], float] = {}
+    for choice in islice(product(*several.values()), MOST_TRIED):
+        chosen = {group: unit for group, (unit, _) in said.items()} | dict(zip(open_groups, choice, strict=True))
+        tried = list(matches)
+        for group, members in groups.items():
+            for i in members:
+                tried[i] = replace(tried[i], unit=chosen[group])
+        shares[choice] = residual_share(log, clock, plant, tried)
+    best = min(shares, key=lambda choice: shares[choice])
+    out = {}
+    for k, group in enumerate(open_groups):
+        others = [share for choice, share in shares.items() if choice[k] != best[k]]
+        if others and shares[best] < UNEXPLAINED and shares[best] <= CLEARLY * min(others):
+            why = (
+                f"simulated so, {percent(shares[best])} of the readings is left over, otherwise {percent(min(others))}"
+            )
+            out[group] = (best[k], why)
+    return out
+
+
+def residual_share(log: Log, clock: LogClock, plant: Plant, matches: Sequence[Match]) -> float:
+    """Return the share of the readings that the simulation leaves over.
+
+    Parameters
+    ----------
+    log : Log
+        Log.
+    clock : LogClock
+        Clock of the log.
+    plant : Plant
+        Model.
+    matches : sequence of Match
+        Columns with their units.
+
+    Returns
+    -------
+    float
+        Mean over the channels, at most 1; 1 where the model cannot follow.
+    """
+    table = RecordingTable(
+        file=log.path.name,
+        role="fit",
+        time=clock.time,
+        time_unit=clock.unit,
+        rate_hz=clock.rate_hz,
+        channel=tuple(ChannelTable(**channel_keys(match) | {"column": match.column}) for match in matches),
+    )
+    try:
+        run = first_seconds(plant, read_run(plant, "draft", table, log.table), STEPS_TRIED)
+        with np.errstate(all="ignore"):
+            own = simulate(plant, run).recording
+    except VlabError:
+        return 1.0
+    shares = []
+    for name in (c.channel for c in run.compared):
+        read = run.measured.is_read(name)
+        y, error = run.measured[name][read], (own[name] - run.measured[name])[read]
+        if y.size and np.ptp(y) > 0.0:
+            shares.append(min(1.0, float(np.mean(error**2) / np.var(y))))
+    return float(np.mean(shares)) if shares else 1.0
+
+
+def percent(share: float) -> str:
+    """Return a share in words, such as ``"0.11 %"``."""
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
+
+
+def channel_keys(match: Match) -> dict[str, Any]:
+    """Return the keys of a column's table in the case."""
+    keys: dict[str, Any] = {"column": match.label, "at": match.at, "kind": match.kind}
+    keys |= {"unit": match.unit} if match.unit else {}
+    keys |= {} if match.scale is None else {"scale": match.scale}
+    return keys | ({"input": True} if match.is_input else {})
+
+
+# ---- size --------------------------------------------------------------------------------------------------------
+
+
+def _by_size(
+    log: Log, plant: Plant, si: str, members: Sequence[Match], said: Mapping[Group, tuple[str, str]]
+) -> tuple[str, str]:
+    """Return the unit that the size of the values suggests."""
+    largest = max(float(np.abs(_values(log, m)).max(initial=0.0)) for m in members)
+    if si == "rad":
+        if largest > TURN:
+            return "deg", f"values up to {largest:.4g} are more than a turn in rad"
+        return "rad", f"values up to {largest:.4g} are less than a turn in rad"
+    if si == "m":
+        extent = float(plant.model.stat.extent)
+        if largest > extent:
+            return "mm", f"values up to {largest:.4g} are more than the model's size of {extent:.3g} m"
+        return "m", f"values up to {largest:.4g} are less than the model's size of {extent:.3g} m"
+    is_in_degrees = any(unit == "deg" for unit, _ in said.values())
+    if si.startswith("rad/") and is_in_degrees:
+        return si.replace("rad", "deg"), "the angles of the log are in degrees"
+    return si, "the SI unit"

@@ -1,0 +1,158 @@
+"""``vlab check``."""
+
+import argparse
+import json
+import shlex
+from pathlib import Path
+from typing import Any
+
+from vlab.cases.compare import Comparison
+from vlab.cli.case_argument import OUTSIDE, add_case
+from vlab.cli.common import Outcome, share_bar, text_table
+from vlab.cli.destination import add_out, check_out
+from vlab.diagnose.precheck import ChannelCheck, Precheck, precheck_case
+from vlab.files.output_folder import finite, output_folder, write_manifest
+from vlab.files.text import in_line
+
+HEADERS = (
+    *("recording", "role", "channel", "recorded rms", "simulated rms", "unit", "correlation", "NRMSE"),
+    *("best delay ms", "left over % now, shifted", "noise rms", "power from Hz", "to Hz"),
+)
+PICTURE, DOCUMENT = "check.png", "check.json"
+"""Names of the written files."""
+MOST_DRAWN = 12
+"""MOST_DRAWN [1]: largest number of channels in the picture, those with the largest NRMSE."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    add_case(parser)
+    add_out(parser, f"{PICTURE} and {DOCUMENT} to this folder (default: print only)")
+
+
+def run(arguments: argparse.Namespace) -> Outcome:
+    """Check a case before a diagnosis.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
+    check_out(arguments, read=[arguments.case])
+    with share_bar("check") as report:
+        checked = precheck_case(arguments.case, allow_outside=arguments.allow_outside, progress=report)
+    document: dict[str, Any] = {"case": str(arguments.case), **checked.to_json()}
+    lines = [check_words(checked)]
+    if arguments.out:
+        with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
+            write_check(checked, folder)
+            write_manifest(folder, verb="check", case=str(arguments.case))
+        document["out"] = str(arguments.out)
+        lines += ["", f"written to {arguments.out}: {', '.join(written(checked))}"]
+    if not checked.refused:
+        words = ["vlab", "diagnose", str(arguments.case), *([OUTSIDE] if arguments.allow_outside else [])]
+        document["next"] = shlex.join([*words, "--out", "out/diagnosis"])
+        lines += ["", f"next: {document['next']}"]
+    return Outcome(document=document, text="\n".join(lines))
+
+
+def written(checked: Precheck) -> list[str]:
+    """Return the names of the files that `write_check` writes."""
+    has_picture = checked.comparison is not None and any(run.misfits for run in checked.comparison.runs)
+    return [*([PICTURE] if has_picture else []), DOCUMENT]
+
+
+def write_check(checked: Precheck, folder: Path) -> None:
+    """Write the picture and the document of a check.
+
+    Parameters
+    ----------
+    checked : Precheck
+        Result of the check.
+    folder : Path
+        Folder that is there.
+    """
+    if PICTURE in written(checked):
+        assert checked.comparison is not None
+        (folder / PICTURE).write_bytes(_picture(checked.comparison))
+    text = json.dumps(finite(checked.to_json()), indent=2, allow_nan=False)
+    (folder / DOCUMENT).write_text(text + "\n", encoding="utf-8")
+
+
+def _picture(comparison: Comparison) -> bytes:
+    """Return a PNG of the recording with the largest error beside its simulation."""
+    from vlab.views.figures import to_png, traces_figure
+
+    worst = max((r for r in comparison.runs if r.misfits), key=lambda r: max(m.nrmse for m in r.misfits))
+    largest = sorted(worst.misfits, key=lambda m: -m.nrmse)[:MOST_DRAWN]
+    names = [m.channel for m in worst.misfits if m in largest]
+    figure = traces_figure([("recorded", worst.measured), ("simulated", worst.simulated)], names, is_titled=True)
+    return to_png(figure)
+
+
+def check_words(checked: Precheck) -> str:
+    """Return a check as text.
+
+    Parameters
+    ----------
+    checked : Precheck
+        Result of the check.
+
+    Returns
+    -------
+    str
+        Table of the channels, observations and limits.
+    """
+    lines = [] if checked.comparison is None else [in_line(checked.comparison.case.table.title), ""]
+    if checked.channels:
+        lines += [text_table(HEADERS, [_row(channel) for channel in checked.channels]), "", *_periods(checked)]
+    for remark in checked.remarks:
+        mend = f"; to mend it: {remark.mend}" if remark.mend else ""
+        mark = "" if remark.severity == "note" else f"{remark.severity.upper()}: "
+        lines.append(in_line(f"{mark}{remark.what}{mend}"))
+    lines += [""] if checked.remarks else []
+    if checked.refused:
+        return "\n".join([*lines, *(in_line(f"vlab diagnose would refuse the case: {why}") for why in checked.refused)])
+    lines.append("No test says that vlab diagnose would refuse the case.")
+    if checked.seconds_expected is not None:
+        lines.append(f"A diagnosis takes roughly {rough(checked.seconds_expected)} on a free machine like this one.")
+    return "\n".join(lines)
+
+
+def _row(c: ChannelCheck) -> list[object]:
+    left = (
+        None if c.left_now is None or c.left_shifted is None else f"{100 * c.left_now:.3g}, {100 * c.left_shifted:.3g}"
+    )
+    delay = None if c.delay_s is None else 1e3 * c.delay_s
+    return [
+        *(c.recording, "input" if c.is_input else c.role, c.channel, c.recorded_rms, c.simulated_rms, c.unit),
+        *(c.correlation, c.nrmse, delay, left, c.noise, c.low_hz, c.high_hz),
+    ]
+
+
+def _periods(checked: Precheck) -> list[str]:
+    """Return one line on the sample period of each recording."""
+    assert checked.comparison is not None
+    out = []
+    for run in checked.comparison.runs:
+        period = next(c.period_s for c in checked.channels if c.recording == run.run.name)
+        seconds = float(run.measured.time[-1] - run.measured.time[0])
+        out.append(
+            in_line(
+                f"{run.run.name}: {len(run.measured)} samples in {seconds:.4g} s, one in {1e3 * period:.4g} ms; "
+                f"integration step {1e3 * run.simulation.timestep_s:.4g} ms"
+            )
+        )
+    return out
+
+
+def rough(seconds: float) -> str:
+    """Return a rough time as a range, such as ``"20 to 80 s"``."""
+    unit, size = ("min", 60.0) if seconds > 300.0 else ("s", 1.0)
+    low, high = (float(f"{factor * seconds / size:.1g}") for factor in (0.5, 2.0))
+    return f"{low:g} to {high:g} {unit}"

@@ -1,0 +1,33 @@
+"""Rough time of a diagnosis, from the time of one simulation of its recordings."""
+
+from collections.abc import Sequence
+
+from vlab.cases.case import Case
+from vlab.cases.channel_map import Run
+from vlab.diagnose.settings import PRECHECK
+
+
+def expected_seconds(case: Case, runs: Sequence[Run], simulated_s: float) -> float:
+    """Return the rough time of a diagnosis [s].
+
+    A diagnosis simulates the recordings to be fitted many times, once for each hypothesis, parameter and iteration. The
+    processor time of one simulation on the present machine therefore gives the scale.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+    runs : sequence of Run
+        Recordings of the case.
+    simulated_s : float
+        Processor time of one simulation of all recordings [s].
+
+    Returns
+    -------
+    float
+        Time [s]; the true time is mostly within a factor of two or three.
+    """
+    fitted = sum(len(run.measured) for run in runs if run.role == "fit")
+    share = fitted / sum(len(run.measured) for run in runs)
+    passes = PRECHECK.simulations + PRECHECK.simulations_per_freedom * int(case.plant.model.nv)
+    return PRECHECK.least_seconds + share * simulated_s * passes

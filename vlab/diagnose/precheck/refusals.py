@@ -1,0 +1,111 @@
+"""Reasons for which a diagnosis would refuse a case, from tests that take little time."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.cases.channel_map import Run
+from vlab.cases.checks import FileCheck
+from vlab.cases.initial_state import joint_of
+from vlab.diagnose.data.quality import assess_quality
+from vlab.diagnose.parameters.recorded_runs import read_runs
+from vlab.diagnose.predictors.scope import check_contacts, check_scope, is_linear
+from vlab.diagnose.predictors.trajectory_data import Motion
+from vlab.errors import VlabError
+from vlab.plants.base import Plant
+
+ONE_WAY = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+"""ONE_WAY: joints with one coordinate."""
+
+
+def refusals(case: Case, runs: Sequence[Run], check: FileCheck) -> list[str]:
+    """Return the reasons for which a diagnosis would refuse a case.
+
+    Limits of models that move far are tested along the recorded joint positions.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+    runs : sequence of Run
+        Recordings of the case.
+    check : FileCheck
+        Findings on the case description.
+
+    Returns
+    -------
+    list of str
+        Reasons; empty where the tests find none.
+    """
+    out: list[str] = []
+    fitted = [run for run in runs if run.role == "fit"]
+    if fitted:
+        out += assess_quality(runs, fitted, check).fatal
+    try:
+        read_runs(case, ("fit",))
+        if case.structure is None and not is_linear(case.plant):
+            check_scope(case)
+            check_contacts(case, recorded_motions(case.plant, fitted))
+    except VlabError as error:
+        out.append(str(error))
+    return out
+
+
+def recorded_motions(plant: Plant, runs: Sequence[Run]) -> list[Motion]:
+    """Return the motions of runs that record the position of every joint.
+
+    Parameters
+    ----------
+    plant : Plant
+        Model.
+    runs : sequence of Run
+        Recordings.
+
+    Returns
+    -------
+    list of Motion
+        Configurations (n, nq) and velocities (n, nv), zero here.
+    """
+    model: Any = plant.model
+    if any(int(kind) not in ONE_WAY for kind in model.jnt_type):
+        return []
+    out = []
+    for run in runs:
+        shown = {at[0]: c.channel for c in run.compared if (at := joint_of(plant, c)) is not None and at[1] == 0}
+        if len(shown) < model.nv:
+            continue
+        q = np.column_stack([run.measured[shown[dof]] for dof in range(model.nv)])
+        q = q[np.isfinite(q).all(axis=1)]
+        out.append(Motion(q=q, v=np.zeros_like(q)))
+    return out
+
+
+def unseen_joints(plant: Plant, runs: Sequence[Run]) -> list[str]:
+    """Return remarks on joints without a recorded motion.
+
+    Parameters
+    ----------
+    plant : Plant
+        Model.
+    runs : sequence of Run
+        Recordings.
+
+    Returns
+    -------
+    list of str
+        One remark a joint; empty where other sensors show the joints together.
+    """
+    model: Any = plant.model
+    compared = [c for run in runs for c in run.compared]
+    if any(c.actuator is None and joint_of(plant, c) is None for c in compared):
+        return []  # other sensors show the joints together
+    shown = {at[0] for c in compared if (at := joint_of(plant, c)) is not None}
+    names = [
+        model.joint(i).name or f"number {i}"
+        for i in range(model.njnt)
+        if int(model.jnt_type[i]) in ONE_WAY and int(model.jnt_dofadr[i]) not in shown
+    ]
+    return [f"no channel shows the joint {name!r}; its motion is that of the model alone" for name in names]
