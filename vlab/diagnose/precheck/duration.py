@@ -25,9 +25,9 @@ def expected_seconds(case: Case, runs: Sequence[Run], simulated_s: float) -> flo
     Returns
     -------
     float
-        Time [s]; the true time is mostly within a factor of two or three.
+        Time [s], an order of magnitude only: the number of hypotheses that need a fit is not known before.
     """
     fitted = sum(len(run.measured) for run in runs if run.role == "fit")
     share = fitted / sum(len(run.measured) for run in runs)
-    passes = PRECHECK.simulations + PRECHECK.simulations_per_freedom * int(case.plant.model.nv)
+    passes = PRECHECK.simulations_per_freedom * int(case.plant.model.nv)
     return PRECHECK.least_seconds + share * simulated_s * passes

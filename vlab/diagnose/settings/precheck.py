@@ -13,15 +13,13 @@ class PrecheckSettings:
     least_samples: int = 16
     """least_samples [samples]: shortest channel with a band, at least 4; default untested. Raising it leaves out the
     band of short channels."""
-    simulations: float = 30.0
-    """simulations [1]: time of a diagnosis over that of one simulation of the fitted recordings, above 0; default from
-    four servo and friction cases of 1 to 3 degrees of freedom. Raising it foretells longer times."""
-    simulations_per_freedom: float = 10.0
-    """simulations_per_freedom [1]: increase of that ratio by degree of freedom, at least 0; default from the same
-    cases. Raising it foretells longer times for large models."""
-    least_seconds: float = 5.0
-    """least_seconds [s]: time of a diagnosis of next to nothing, at least 0; default from the same cases, compilation
-    included. Raising it foretells longer times."""
+    simulations_per_freedom: float = 20.0
+    """simulations_per_freedom [1]: processor time of a diagnosis over that of one simulation of the fitted recordings
+    and over the degrees of freedom, above 0; default from a servo bench (9 s) and an arm of two servos (32 s). Raising
+    it foretells longer times."""
+    least_seconds: float = 3.0
+    """least_seconds [s]: time of a diagnosis of next to nothing, at least 0; default untested. Raising it foretells
+    longer times."""
 
 
 PRECHECK = PrecheckSettings()
