@@ -130,10 +130,10 @@ def test_check_sees_contacts_along_the_recorded_motion(capsys, case, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_model_and_its_logs_are_diagnosed_in_one_command(capsys, arm, tmp_path, monkeypatch):
+def test_a_model_and_its_logs_are_diagnosed_in_one_command(capsys, tmp_path, monkeypatch):
+    model, logs = write_arm(tmp_path / "arm", logs=3, friction=FRICTION)
     monkeypatch.chdir(tmp_path)
-    logs = [str(path) for path in sorted(arm.glob("*.csv"))]
-    status, out, _ = run(capsys, "diagnose", str(arm / "arm.xml"), *logs, "--json")
+    status, out, _ = run(capsys, "diagnose", str(model), *map(str, logs), "--json")
     document = json.loads(out)
     assert status == 0
     assert document["out"] == "out/diagnosis-001"
