@@ -42,8 +42,8 @@ QUICK, FEW, MANY = 9, 4, int(os.environ.get("VLAB_MUTATED", "60"))
 """Files of every kind that are mutated: in a quick look, of those that take long in it, and in the slow tier; with VLAB_MUTATED=420 in
 the environment these are five thousand in all."""
 
-ENOUGH = 400
-"""Mutated files of a kind of which some must be of use."""
+MANY_OF = {"case": 3}
+"""Multiples of `MANY`: of the changes of a case file one in twenty is harmless."""
 
 RIG = """<mujoco model="rig">
   <option timestep="0.002" gravity="0 0 -9.81"/>
@@ -335,8 +335,6 @@ def test_a_mutated_file_is_used_or_refused(tmp_path, kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_many_mutated_files_are_used_or_refused(tmp_path, kind):
-    found, used = wrong(tmp_path, kind, range(MANY))
+    found, used = wrong(tmp_path, kind, range(MANY_OF.get(kind, 1) * MANY))
     assert not found, "\n".join(f"{number}: {said}" for number, said in found.items())
-    assert (
-        used or MANY < ENOUGH
-    )  # not all that is changed matters, but of a case file's changes one in twenty is harmless
+    assert used  # not all that is changed matters

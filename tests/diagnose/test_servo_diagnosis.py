@@ -40,6 +40,8 @@ HIDDEN = {
     "force limit": ("two links", hide(TWO_LINKS, 0, limit=6.0), "servo-force-limit", "shoulder", {"limit": 6.0}),
 }
 QUICK = "position gain, soft"
+FAILS = {"velocity gain": "the joint's damping is the same law, so the priors share the change out between the two"}
+"""Kinds that a diagnosis does not give to within the bounds, and why."""
 
 
 def found(folder, kind):
@@ -55,12 +57,8 @@ def check(diagnosis, kind):
     (finding,) = diagnosis.findings
     assert finding.place == f"actuator:{joint}_servo"
     for name, value in parameters.items():
-        own = finding.parameters[name]
-        if effect == "servo-velocity-gain":  # the joint's damping is the same law, so priors share it out
-            assert own["ci90"][0] < value < own["ci90"][1]
-        else:
-            assert own["value"] == pytest.approx(value, rel=0.1)
-    assert diagnosis.heldout["nrmse_after"] < 0.1 * diagnosis.heldout["nrmse_nominal"]
+        assert finding.parameters[name]["value"] == pytest.approx(value, rel=0.1)
+    assert diagnosis.heldout["gap_closed"] > 0.9
 
 
 @pytest.mark.xfail(strict=True, reason="calibration of five parameters absorbs the gain to within the allowed error")
@@ -69,11 +67,18 @@ def test_a_soft_servo_is_named(tmp_path):
 
 
 def test_a_soft_servo_is_not_an_inertia(tmp_path):
-    assert found(tmp_path, QUICK).verdict == "nothing-missing"  # and nothing wrong is named
+    assert {finding.effect for finding in found(tmp_path, QUICK).findings} <= {"servo-position-gain"}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [kind for kind in HIDDEN if kind != QUICK])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=pytest.mark.xfail(strict=True, reason=FAILS[kind])) if kind in FAILS else kind
+        for kind in HIDDEN
+        if kind != QUICK
+    ],
+)
 def test_an_error_within_a_servo_is_found(tmp_path, kind):
     check(found(tmp_path, kind), kind)
 
