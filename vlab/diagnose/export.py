@@ -147,7 +147,7 @@ def _for_mujoco(
 ) -> tuple[StandaloneAnswer | None, str]:
     """Write the answer for plain MuJoCo and return it, with the reason of a failure."""
     case = done.problem.case
-    plant = done.problem.adjusted(theta) if done.fit.terms else done.before.plant
+    plant = _calibrated_plant(done, effects, theta)
     if case.structure is not None or not isinstance(plant, MjcfPlant):
         return None, ""
     source = case.folder / case.table.model.mjcf

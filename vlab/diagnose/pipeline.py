@@ -239,7 +239,8 @@ class _Pass:
         again = last._judge(searched, last._confirm(searched))
         if isinstance(again, _Pass) or again.verdict not in NAMING:
             return None
-        if again.tried is None or not explains_part(again.tried.checked):
+        assert again.tried is not None
+        if not explains_part(again.tried.checked):
             return None
         return last._diagnosed(searched, replace(again, verdict="unknown-law"))
 
@@ -309,14 +310,15 @@ class _Pass:
                 tried, fit = fewer, fewer.fit
                 judged = replace(judged, fit=fit, after=seen.on(extended(problem, fit)))
         if verdict == "none-of-these" and not searched.is_structure:
-            finer_before = with_finer_steps(judged.before)
             coarse = coarse_steps(judged.before, searched.runs)
             if coarse:
                 finer = replace(trials, change=with_finer_steps)
                 again, second = tried_with(finer, fit)
                 if second != verdict:
                     verdict, tried, trials = second, again, finer
-                    judged = replace(judged, before=finer_before, after=with_finer_steps(judged.after))
+                    judged = replace(
+                        judged, before=with_finer_steps(judged.before), after=with_finer_steps(judged.after)
+                    )
                     coarse += "; the verdict is on the shorter ones"
                 elif not self.told:  # the fit compensates the coarse steps, so the search repeats
                     told = f"{coarse}; all of the search is with the shorter ones"
@@ -403,10 +405,10 @@ class _Pass:
 
 def _separating_experiment(searched: _Searched, judged: _Judged) -> str:
     """Return the experiment that separates the two leading rivals, or ""."""
-    tried = judged.attempt or judged.tried
-    leading = [h for h, _ in judged.choice.tried if h.terms]
-    if judged.verdict == "missing-physics":  # what is clearly less probable is no rival
-        leading = [h for h in judged.choice.alike if h.terms]
+    tried, choice = judged.attempt or judged.tried, judged.choice
+    # beside a complete explanation, what is clearly less probable is no rival
+    rivals = choice.alike if judged.verdict == "missing-physics" else [h for h, _ in choice.tried]
+    leading = [h for h in rivals if h.terms]
     best = {term.effect.physics for term in leading[0].terms} if leading else set()
     other = next((h for h in leading[1:] if {term.effect.physics for term in h.terms} != best), None)
     if other is None or tried is None or judged.verdict not in {*NAMING, "none-of-these"}:
