@@ -8,6 +8,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from vlab.api.progress import SHARE_FORMAT, share_of
 from vlab.files.text import in_line
 from vlab.interrupts import Noted
 
@@ -133,14 +134,12 @@ def share_bar(label: str) -> Iterator[Callable[[float, str], None]]:
     callable
         Function that takes the completed share and the present step.
     """
-    with Noted() as check, _bar(
-        total=100, desc=label, bar_format="{desc}: {bar} {percentage:.0f} %  {elapsed}, {remaining} left  {postfix}"
-    ) as bar:  # fmt: skip
+    with Noted() as check, _bar(total=100, desc=label, bar_format=SHARE_FORMAT) as bar:
+        shown = share_of(bar)
 
         def report(share: float, what: str) -> None:
             check()
-            bar.set_postfix_str(in_line(what), refresh=False)
-            bar.update(100 * share - bar.n)
+            shown(share, what)
 
         yield report
 
