@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
+from vlab.cases.case import Case
+from vlab.cases.channel_map import Run
 from vlab.diagnose.data.command_limit import CommandLimit
 from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.quality import SensorLimit
@@ -15,17 +17,46 @@ from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.inference.parameter_vector import is_logarithm
 from vlab.diagnose.inference.sensor_offset import SensorOffset
-from vlab.diagnose.parameters.locations import reported_name
+from vlab.diagnose.parameters.locations import Place, reported_name
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import EVIDENCE, FINDINGS
 from vlab.diagnose.validation.gap import Distance
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect, Parameter, PickUp
+from vlab.plants.base import Plant
 from vlab.units import ANGULAR
 
 TOLD: tuple[Verdict, ...] = ("missing-physics", "nothing-missing")
 """Verdicts with meaningful probabilities among the tried hypotheses."""
+
+
+class Reportable(Protocol):
+    """Parts of an inverse problem, in time or in frequency, that findings are named by."""
+
+    @property
+    def case(self) -> Case:
+        """Case."""
+
+    @property
+    def plant(self) -> Plant:
+        """Nominal plant."""
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        """Locations."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """Recordings in time; none in a case of frequency data."""
+
+    @property
+    def excited(self) -> tuple[int | None, ...]:
+        """Actuators whose inputs are recorded; None for a force at a port."""
 
 
 def finding_of_limit(limit: CommandLimit, problem: Problem) -> Finding:
@@ -67,7 +98,7 @@ def finding_of_limit(limit: CommandLimit, problem: Problem) -> Finding:
     )
 
 
-def findings_of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Finding]:
+def findings_of_terms(choice: Choice, fit: Fit, problem: Reportable) -> list[Finding]:
     """Return the findings of the chosen hypothesis.
 
     Parameters
@@ -76,7 +107,7 @@ def findings_of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Findin
         Choice with alternatives and probabilities.
     fit : Fit
         Fit of the hypothesis.
-    problem : Problem
+    problem : Reportable
         Problem.
 
     Returns
@@ -113,15 +144,14 @@ def findings_of_terms(choice: Choice, fit: Fit, problem: Problem) -> list[Findin
     return out
 
 
-def _delays_all_inputs(term: Term, problem: Problem) -> bool:
+def _delays_all_inputs(term: Term, problem: Reportable) -> bool:
     """Return whether a term delays every input.
 
     A time-invariant model cannot tell a common delay of all inputs from the same delay of all readings.
     """
     if term.effect.name != "actuator-delay" or any(run.law is not None for run in problem.runs):
         return False
-    drives = [drive for run in problem.runs for drive in run.drives]
-    return all(drive.actuator is not None and drive.actuator in term.place.indices for drive in drives)
+    return bool(problem.excited) and all(actuator in term.place.indices for actuator in problem.excited)
 
 
 def _interval(parameter: Parameter, value: float, spread: float) -> tuple[float, float]:
@@ -133,7 +163,7 @@ def _interval(parameter: Parameter, value: float, spread: float) -> tuple[float,
     return max(value * (1.0 - spread), 0.0), value * (1.0 + spread)
 
 
-def findings_of_attempt(hypothesis: Hypothesis, fit: Fit, problem: Problem) -> list[Finding]:
+def findings_of_attempt(hypothesis: Hypothesis, fit: Fit, problem: Reportable) -> list[Finding]:
     """Return an unchosen hypothesis as findings without probability."""
     places = {t.place.name: 1.0 for t in fit.terms[:1]}
     alone = Choice(best=hypothesis, alike=(), probability=float("nan"), ranking=(), places=places)
@@ -229,7 +259,7 @@ def one_per_law(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     )
 
 
-def alternatives(choice: Choice, problem: Problem, verdict: Verdict, before: float) -> tuple[dict[str, Any], ...]:
+def alternatives(choice: Choice, problem: Reportable, verdict: Verdict, before: float) -> tuple[dict[str, Any], ...]:
     """Return the hypotheses besides the reported one, best first.
 
     The chosen hypothesis is included where nothing is reported.
@@ -238,7 +268,7 @@ def alternatives(choice: Choice, problem: Problem, verdict: Verdict, before: flo
     ----------
     choice : Choice
         Choice with its ranking.
-    problem : Problem
+    problem : Reportable
         Problem.
     verdict : Verdict
         Verdict.
@@ -264,7 +294,7 @@ def alternatives(choice: Choice, problem: Problem, verdict: Verdict, before: flo
     )
 
 
-def place_of(name: str, effect: Effect, problem: Problem) -> str:
+def place_of(name: str, effect: Effect, problem: Reportable) -> str:
     """Return the reported name of a location.
 
     Parameters
@@ -273,7 +303,7 @@ def place_of(name: str, effect: Effect, problem: Problem) -> str:
         Name of the location.
     effect : Effect
         Effect there.
-    problem : Problem
+    problem : Reportable
         Problem.
 
     Returns
@@ -306,7 +336,7 @@ def _instead(hypothesis: Hypothesis, fit: Fit, i: int) -> list[str]:
     return [t.effect.physics for t in left]
 
 
-def _unit(unit: str, term: Term, problem: Problem) -> str:
+def _unit(unit: str, term: Term, problem: Reportable) -> str:
     """Return the unit of a parameter at its location.
 
     Sensor effects have the channel's unit, actuator effects the command's, all others that of the motion.
@@ -333,20 +363,20 @@ def _ratio(unit: str, other: str) -> str:
     return f"{above}/{below}" if other else unit
 
 
-def _channel_unit(problem: Problem, index: int) -> str:
-    for run in getattr(problem, "runs", ()):  # problems in frequency have no runs
+def _channel_unit(problem: Reportable, index: int) -> str:
+    for run in problem.runs:
         name = problem.names[index]
         if name in run.measured.names:
             return str(run.measured.channels[run.measured.index(name)].unit)
     return "m"
 
 
-def command_unit(problem: Problem, index: int) -> str:
+def command_unit(problem: Reportable, index: int) -> str:
     """Return the unit of an actuator's commands.
 
     Parameters
     ----------
-    problem : Problem
+    problem : Reportable
         Problem.
     index : int
         Index of the actuator.
@@ -359,7 +389,7 @@ def command_unit(problem: Problem, index: int) -> str:
     tap = problem.plant.actuators[index]
     if tap.unit != "command":
         return str(tap.unit)
-    for run in getattr(problem, "runs", ()):
+    for run in problem.runs:
         channels = [d.channel for d in run.drives if d.actuator == index]
         channels += [c.channel for c in run.compared if c.actuator == index]
         if channels:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -130,7 +130,7 @@ def diagnose_frequency(
     before = extended_by(problem, fit_before)
     after = extended_by(problem, fit) if choice.best.terms else before
     trials = partial(_tried, problem, before)
-    terms = findings_of_terms(choice, fit, cast(Any, problem))
+    terms = findings_of_terms(choice, fit, problem)
     tried = trials(fit, terms)
     left_out = None
     if not problem.held_out:
@@ -140,9 +140,7 @@ def diagnose_frequency(
     verdict, attempt = _verdict(choice, tried.checked, left_out, lambda: fitted().checked), None
     if verdict == "none-of-these":
         others = (h for h in found.hypotheses if h.label != choice.best.label)
-        attempt = best_attempt(
-            tried, (trials(h.fit, findings_of_attempt(h, h.fit, cast(Any, problem))) for h in others)
-        )
+        attempt = best_attempt(tried, (trials(h.fit, findings_of_attempt(h, h.fit, problem)) for h in others))
         if attempt is not None and is_partial_explanation(attempt, choice):
             verdict, tried, attempt = "partly-explained", attempt, None
             fit, after = tried.fit, extended_by(problem, tried.fit)
@@ -283,7 +281,7 @@ def _report(
         title=problem.case.table.title,
         verdict=verdict,
         findings=one_per_law(findings),
-        alternatives=alternatives(choice, cast(Any, problem), verdict, found.before.normalised_residual),
+        alternatives=alternatives(choice, problem, verdict, found.before.normalised_residual),
         checked=checked,
         mismatch=_mismatch(checked),
         not_excluded=not_excluded(choice, verdict),

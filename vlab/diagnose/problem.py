@@ -103,6 +103,11 @@ class Problem:
         out += unused(self.case.table.model.uncertain, self.parameters)
         return (*out, *getattr(self.plant, "notes", ()))
 
+    @property
+    def excited(self) -> tuple[int | None, ...]:
+        """Actuators with recorded inputs; None for a force at a port."""
+        return tuple(dict.fromkeys(drive.actuator for run in self.runs for drive in run.drives))
+
     @cached_property
     def may_vanish(self) -> Array:
         """Parameters (n_parameters,) whose value may be zero."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vlab.cases.case import Case
+from vlab.cases.channel_map import Run
 from vlab.diagnose.data.responses import Measured, Modes, Response, read_measured, thinned
 from vlab.diagnose.parameters.locations import Place, places_of
 from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, changes_of, gain_sd, parts_of, uncertain_parameters
@@ -64,6 +65,16 @@ class FrequencyProblem:
     def names(self) -> tuple[str, ...]:
         """Names of the outputs."""
         return self.wires.names
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """Recordings in time: none."""
+        return ()
+
+    @property
+    def excited(self) -> tuple[int | None, ...]:
+        """Actuators with recorded inputs; None for a force at a port."""
+        return self.wires.actuators
 
     @property
     def prior(self) -> Array:
