@@ -223,7 +223,7 @@ def test_a_divergence_is_one_line_and_status_1(capsys, tmp_path):
         (["modal-test", "nowhere"], "nowhere: there is no such file"),
         (["compare", "nowhere"], "nowhere"),
         (["show", "nowhere"], "no run.rrd here"),
-        (["dance"], "unknown command 'dance' (accepted: demo, modes"),
+        (["dance"], "unknown command 'dance'; did you mean 'diagnose'? (accepted: demo, modes"),
         (["diagnos", "case.toml"], "unknown command 'diagnos'; did you mean 'diagnose'?"),
         (["modes", "--jsn"], "unknown option '--jsn'; did you mean '--json'?"),
         (["diagnose", "--out-folder=x"], "unknown option '--out-folder'; did you mean '--out'?"),
@@ -349,14 +349,14 @@ def test_every_verb_has_help_and_json(capsys):
         with pytest.raises(SystemExit) as stop:
             main([verb, "--help"])
         assert stop.value.code == 0
-        assert build_parser(verb).parse_known_args([verb, "--json", "beam"])[0].json
+        assert build_parser(verb).parse_known_args([verb, "--json", "beam", "run.csv"])[0].json
 
 
 @pytest.mark.parametrize("words", [[], ["help"]], ids=["nothing", "help"])
 def test_without_a_command_the_commands_are_listed(capsys, words):
     status, out, err = run(capsys, *words)
     assert (status, err) == (0, "")
-    assert all(f"\n    {verb} " in out for verb in VERBS)
+    assert set(VERBS) <= {line.split()[0] for line in out.splitlines() if line.startswith("    ") and line[4] != " "}
 
 
 def test_help_of_a_command(capsys):

@@ -8,7 +8,7 @@ import pytest
 
 from vlab.diagnose.advice import next_measurement
 from vlab.diagnose.inference.evidence import Found, Hypothesis, effective_sample_size, scored, weighed
-from vlab.diagnose.inference.model_choice import choose_model, is_prior_driven
+from vlab.diagnose.inference.model_choice import choose_model, is_plausible_alone, is_prior_driven
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.search.second_effect import violate_priors
 from vlab.diagnose.settings import EVIDENCE, MODEL_CHOICE, SECOND_EFFECT
@@ -79,6 +79,16 @@ def test_most_of_a_gain_may_be_what_priors_ask_for():
     plain = hypothesis(1.01, negative_log_prior=30.0)
     assert is_prior_driven(hypothesis(1.0, "added-mass", mass=0.1, negative_log_prior=2.0), plain)
     assert not is_prior_driven(hypothesis(0.5, "added-mass", mass=0.1, negative_log_prior=2.0), plain)
+
+
+def test_an_effect_that_frees_a_parameter_of_six_deviations_is_needed_however_well_it_fits():
+    calibrated = hypothesis(1.0, negative_log_prior=0.5 * 6.0**2)
+    for level in (1.0, 0.1):
+        assert is_plausible_alone(
+            hypothesis(level, "servo-position-gain", gain=-0.3, negative_log_prior=2.0), calibrated
+        )
+    usual = hypothesis(1.0, negative_log_prior=0.5 * 3.0**2)
+    assert not is_plausible_alone(hypothesis(0.1, "servo-position-gain", gain=-0.3), usual)
 
 
 def test_to_leave_less_than_integration_does_is_no_merit():

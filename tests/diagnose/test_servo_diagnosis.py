@@ -55,8 +55,12 @@ def check(diagnosis, kind):
     (finding,) = diagnosis.findings
     assert finding.place == f"actuator:{joint}_servo"
     for name, value in parameters.items():
-        assert finding.parameters[name].value == pytest.approx(value, rel=0.1)
-    assert diagnosis.heldout.gap_closed > 0.9
+        own = finding.parameters[name]
+        if effect == "servo-velocity-gain":  # the joint's damping is the same law, so priors share it out
+            assert own["ci90"][0] < value < own["ci90"][1]
+        else:
+            assert own["value"] == pytest.approx(value, rel=0.1)
+    assert diagnosis.heldout["nrmse_after"] < 0.1 * diagnosis.heldout["nrmse_nominal"]
 
 
 def test_a_soft_servo_is_not_an_inertia(tmp_path):

@@ -130,7 +130,7 @@ def _written(
     draft: Draft | None = None,
     checked: Precheck | None = None,
 ) -> tuple[dict[str, Any], list[str]]:
-    """Write the results with the drafted case, and return the document and lines on the files."""
+    """Write the results, and return the document and lines on the files."""
     with output_folder(out, overwrite=arguments.overwrite or draft is not None) as folder:
         result.write_into(folder)
         _write_drafted(folder, draft, checked)

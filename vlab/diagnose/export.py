@@ -150,13 +150,16 @@ def _for_mujoco(
     plant = done.problem.adjusted(theta) if done.fit.terms else done.before.plant
     if case.structure is not None or not isinstance(plant, MjcfPlant):
         return None, ""
+    source = case.folder / case.table.model.mjcf
+    if not source.is_file():
+        return None, "the model was given without a file"
     sample = 0.0
     if isinstance(done, Diagnosed):
         clock = plan_clock(plant.timestep, done.problem.runs[0])
         sample = clock.steps * clock.timestep
     try:
         answer = write_answer(
-            case.folder / case.table.model.mjcf,
+            source,
             plant,
             effects,
             folder / FOLDER,

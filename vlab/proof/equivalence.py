@@ -60,11 +60,6 @@ TABLE: tuple[Alike, ...] = (
         why="a constant force along an actuator is the actuator's own offset",
         at_actuator=True,
     ),
-    Alike(
-        effects=("servo-velocity-gain", "viscous-damping"),
-        why="within its force limits a servo's velocity gain is a damper at its joint",
-        at_actuator=True,
-    ),
     Alike(effects=("viscous-damping", "quadratic-drag"), why="one level gives one damping ratio", one_level=True),
     Alike(
         effects=("cubic-stiffness", "quadratic-cubic-stiffness", "dead-band", "jenkins-slip", "bouc-wen"),

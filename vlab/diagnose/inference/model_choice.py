@@ -30,7 +30,7 @@ class Choice:
     gained : float
         Log posterior gain over the calibrated model beyond the threshold [nat].
     is_prior_driven : bool
-        Whether the gain is mostly prior density of the uncertain parameters.
+        Whether the gain is mostly prior density of the uncertain parameters, or their prior density alone is enough.
     """
 
     best: Hypothesis
@@ -64,6 +64,24 @@ def is_prior_driven(more: Hypothesis, less: Hypothesis) -> bool:
     return less.negative_log_prior - more.negative_log_prior > more.effective_samples * (
         less.log_rms_residual - more.log_rms_residual
     )
+
+
+def is_plausible_alone(more: Hypothesis, less: Hypothesis) -> bool:
+    """Return whether prior density alone pays for further effects.
+
+    The parameters without the effects are then implausible, however much the residual falls as well.
+
+    Parameters
+    ----------
+    more, less : Hypothesis
+        Hypotheses with and without the effects.
+
+    Returns
+    -------
+    bool
+        Whether the prior gain exceeds the threshold of an effect.
+    """
+    return less.negative_log_prior - more.negative_log_prior > MODEL_CHOICE.beyond_prior
 
 
 def _excess(hypothesis: Hypothesis) -> float:
@@ -159,7 +177,7 @@ def choose_model(found: Found) -> Choice:
         places=_places(found, best),
         shares={name: sum(p for h, p in options if name in _names(h)) for name in _names(best)},
         gained=gain_beyond(best, before),
-        is_prior_driven=is_prior_driven(best, before),
+        is_prior_driven=is_prior_driven(best, before) or is_plausible_alone(best, before),
     )
 
 

@@ -422,8 +422,9 @@ class TrajectoryScoreTest(ScoreTest):
             force = -mass * (a - self.lines_of(place).weight[:, None, None]) - damping * v - stiffness * z
             return np.einsum("lkrn,lkr->krn", rows, force)[..., None]
         assert isinstance(effect, PortEffect)
-        felt = self.commands(place.coil) if place.coil in self.stepper.lags else group.u[..., place.coil or 0]
-        own: Any = 0.0 if place.coil is None else felt
+        own: Any = 0.0
+        if place.coil is not None:
+            own = self.commands(place.coil) if place.coil in self.stepper.lags else group.u[..., place.coil]
         with np.errstate(all="ignore"):  # a law too stiff for the samples diverges and is no candidate
             laws = [self._series(group, place, effect, u, z[0], v[0], own) for u in unit_amplitudes(effect, shape)]
         series = [x / effect.probe if np.all(np.abs(x) < KERNELS.runaway) else 0.0 * z[0] for x in laws]

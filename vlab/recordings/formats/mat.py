@@ -293,7 +293,14 @@ def write_mat(recording: Recording, path: PathLike) -> tuple[str, ...]:
     -------
     tuple of str
         Empty, because the form is exact.
+
+    Raises
+    ------
+    BadRecording
+        A channel is named ``time``.
     """
+    if "time" in recording.names:
+        raise refuse(path, "a channel is named 'time', which is the name of the time stamps", fix="rename the channel")
     from scipy.io import savemat  # deferred, because reading does not need scipy
 
     time, samples = recording.time[:, None], recording.data
