@@ -19,7 +19,7 @@ from vlab.diagnose.search.forward_selection import further_effects
 from vlab.diagnose.validation.gap import block_log_ratios, explained_share, predicts_better
 from vlab.diagnose.validation.horizon import is_predicted, parts_of
 from vlab.diagnose.validation.simulation import ExtendedModel, check
-from vlab.diagnose.verdict import explains_part, is_partial_explanation
+from vlab.diagnose.verdict import explains_part, has_plausible_parameters, is_partial_explanation
 from vlab.physics.catalogue import EFFECTS
 
 BETTER = np.array([0.9, 1.1, 1.0, 0.8, 1.2, 1.05])
@@ -94,6 +94,13 @@ def test_a_partial_explanation_needs_the_larger_part_of_the_posterior_in_its_fam
     attempt = replace(attempt, findings=(replace(attempt.findings[0], family=family),))
     assert is_partial_explanation(attempt, choice(coulomb_friction=0.5, added_mass=0.3))
     assert not is_partial_explanation(attempt, choice(coulomb_friction=0.3, added_mass=0.5))
+
+
+def test_an_effect_beside_a_refuted_model_is_no_explanation():
+    fit = replace(fit_of(), theta=np.zeros(4), cost=100.0)
+    # 99 % quantile of chi-squared with 4 degrees of freedom: 13.277 (any table)
+    assert has_plausible_parameters(replace(fit, chi2=113.2))
+    assert not has_plausible_parameters(replace(fit, chi2=113.3))
 
 
 def test_the_unexplained_share_bounds_the_probability():
