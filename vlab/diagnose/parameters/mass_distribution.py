@@ -46,7 +46,7 @@ def centres_of_mass(model: Any, bodies: Mapping[str, int], usual: float, given: 
 
 
 def _shifts(model: Any, body: int, name: str, sd: float) -> list[Uncertain]:
-    """Return the shifts of a body's centre of mass along its axes, in radii of gyration.
+    """Return the shifts of a body's centre of mass along its axes.
 
     The square of a radius is the second moment of mass along the axis over the mass.
     """

@@ -64,8 +64,8 @@ def trajectory_parameters(
 ) -> list[Uncertain]:
     """Return the uncertain parameters, with the distribution of mass and lengths.
 
-    A relative error of a body's density that is linear over the body moves its centre of mass, by the radius of gyration
-    along an axis times the error. One that is quadratic changes its moments of inertia. Both are as uncertain as the mass.
+    Where density varies linearly over a body, the centre of mass moves by the relative error times the radius of
+    gyration. A quadratic variation changes the moments of inertia. Both are as uncertain as the mass.
 
     Parameters
     ----------
