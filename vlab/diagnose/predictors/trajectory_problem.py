@@ -13,8 +13,8 @@ from vlab.diagnose.data.band import uniform
 from vlab.diagnose.data.mains_interference import MainsInterference, find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.runs import Signals, thinning
 from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.centre_of_mass import centres_of_mass
 from vlab.diagnose.parameters.locations import places_of
-from vlab.diagnose.parameters.mass_distribution import CENTRE_OF_MASS, centres_of_mass
 from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, of_kind, uncertain_parameters
 from vlab.diagnose.parameters.observation import ChannelRows, actuator_forces
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns, read_runs, recorded_commands
@@ -62,10 +62,7 @@ class Trajectories:
 def trajectory_parameters(
     plant: Plant, given: Mapping[str, float], channels: Sequence[str], driven: Sequence[int]
 ) -> list[Uncertain]:
-    """Return the uncertain parameters, with the distribution of mass and lengths.
-
-    Where density varies linearly over a body, the centre of mass moves by the relative error times the radius of
-    gyration. A quadratic variation changes the moments of inertia. Both are as uncertain as the mass.
+    """Return the uncertain parameters, with moments of inertia, stated centres of mass, and lengths.
 
     Parameters
     ----------
@@ -87,12 +84,10 @@ def trajectory_parameters(
     model = plant.model
     numbers = [i for i in range(1, model.nbody) if model.body_mass[i] > 0 and model.body_weldid[i] != 0]
     bodies = {f"body:{model.body(i).name or f'body{i}'}": i for i in numbers}
-    distribution = max(given.get("mass", 0.0), TRAJECTORY_PRIORS.geometry_sd["inertia"])
-    inertias = {name: (("body_inertia", i),) for name, i in bodies.items()}
-    lengths = {name: _lengths(model, i) for name, i in bodies.items()}
-    out += of_kind("inertia", inertias, given.get("inertia", distribution), given, "inertia")
-    out += of_kind("length", lengths, given.get("length", TRAJECTORY_PRIORS.geometry_sd["length"]), given, "length")
-    return out + centres_of_mass(model, bodies, given.get(CENTRE_OF_MASS, distribution), given)
+    for kind in ("inertia", "length"):
+        each = {name: (("body_inertia", i),) if kind == "inertia" else _lengths(model, i) for name, i in bodies.items()}
+        out += of_kind(kind, each, given.get(kind, TRAJECTORY_PRIORS.geometry_sd[kind]), given, kind)
+    return out + centres_of_mass(model, bodies, given)
 
 
 def _lengths(model: Any, body: int) -> tuple[tuple[str, int], ...]:

@@ -8,17 +8,16 @@ import mujoco
 import numpy as np
 
 from vlab.diagnose.parameters.mjcf import Uncertain
-from vlab.diagnose.settings import MJCF_PRIORS
 from vlab.signals import Array
 
 CENTRE_OF_MASS = "centre-of-mass"
 """Kind of a shift of a body's centre of mass over its radius of gyration."""
 
 
-def centres_of_mass(model: Any, bodies: Mapping[str, int], usual: float, given: Mapping[str, float]) -> list[Uncertain]:
-    """Return the shifts of the bodies' centres of mass.
+def centres_of_mass(model: Any, bodies: Mapping[str, int], given: Mapping[str, float]) -> list[Uncertain]:
+    """Return the shifts of the centres of mass that a case states as uncertain.
 
-    Models of many bodies, such as chains of links, have none.
+    Where density varies linearly over a body, its centre of mass moves by the relative error times the radius of gyration.
 
     Parameters
     ----------
@@ -26,23 +25,16 @@ def centres_of_mass(model: Any, bodies: Mapping[str, int], usual: float, given: 
         Compiled model.
     bodies : mapping of str to int
         Numbers of the bodies with mass, by name.
-    usual : float
-        Prior standard deviation of a shift over the radius of gyration.
     given : mapping
-        ``[model.uncertain]``, which may name bodies.
+        ``[model.uncertain]``, with standard deviations over the radius of gyration.
 
     Returns
     -------
     list of Uncertain
         Shifts along the axes of every body that change the dynamics.
     """
-    if len(bodies) > MJCF_PRIORS.most_elements:
-        return []
-    return [
-        shift
-        for name, i in bodies.items()
-        for shift in _shifts(model, i, name, given.get(f"{name}:{CENTRE_OF_MASS}", usual))
-    ]
+    stated = {name: given.get(f"{name}:{CENTRE_OF_MASS}", given.get(CENTRE_OF_MASS)) for name in bodies}
+    return [shift for name, sd in stated.items() if sd for shift in _shifts(model, bodies[name], name, sd)]
 
 
 def _shifts(model: Any, body: int, name: str, sd: float) -> list[Uncertain]:
