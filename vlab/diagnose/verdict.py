@@ -83,6 +83,8 @@ def is_needed(choice: Choice, checked: Sequence[Checked], *, is_structure: bool)
     if is_structure:  # mesh error biases the parameters, so implausible values prove little
         no_gap, least = no_gap or not _shows("before", errors, is_structure=True), VERDICT.better_of_mesh
         before, after = (float(np.sqrt(max(e**2 - errors["noise"] ** 2, 0.0))) for e in (before, after))
+    elif choice.is_prior_driven:  # fits cannot tell residuals within the model error of their weights
+        before = float(np.hypot(before, PROBLEM.model_error))
     return choice.gained > 0 and (choice.is_prior_driven or no_gap) and after <= least * before
 
 

@@ -70,7 +70,8 @@ def search_moving(
     hypotheses = finished(narrow, [*each_fitted(narrow, shortlist, before.fit), *everywhere])
     if hypotheses and min(h.normalised_residual for h in hypotheses) > HYPOTHESIS_FITS.enough and not deadline.is_past:
         report(0.65, "fitting pairs of effects")
-        doubles = finished(narrow, _pairs(screen, narrow, shortlist, candidates, hypotheses, effects))
+        alone = [h for h in hypotheses if len(h.terms) == 1]
+        doubles = finished(narrow, _pairs(screen, narrow, shortlist, candidates, alone, effects))
         hypotheses = by_score(hypotheses, doubles)
     report(0.85, "fitting whole recordings")
     if hypotheses:  # again about the best hypothesis' calibrated plant, where the uncertain parameters change little
