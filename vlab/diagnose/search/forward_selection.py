@@ -70,7 +70,7 @@ class ForwardSelection:
             All hypotheses; of each set of effects the one of best score.
         """
         out = list(hypotheses)
-        if not (self.deadline.is_past or any(is_one_law(h) for h in out)):
+        if self._goes_on([*out, self.before]) and not any(is_one_law(h) for h in out):
             out += in_all_joints(self.candidates, self._fitted, self.before.long_fit)
         best = by_score([*out, self.before])[0]
         level = [best if is_one_law(best) else self.before]
