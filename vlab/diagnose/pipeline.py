@@ -343,6 +343,11 @@ class _Pass:
         attempt = best_attempt(judged.tried, (trials.of_hypothesis(h, self.effects) for h in others))
         if attempt is None or not is_partial_explanation(attempt, judged.choice):
             return replace(judged, attempt=attempt)
+        useful = useful_terms(attempt, len(judged.seen.of_law(searched.problem)))
+        if len(useful) < len(attempt.fit.terms):
+            fit = replace(attempt.fit, terms=useful)
+            fewer = trials.of(fit, findings_of_terms(judged.choice, fit, searched.problem))
+            attempt = fewer if is_partial_explanation(fewer, judged.choice) else attempt
         after = judged.seen.on(extended(searched.problem, attempt.fit))
         after = after if trials.change is None else trials.change(after)
         return replace(judged, verdict="partly-explained", tried=attempt, fit=attempt.fit, after=after)

@@ -144,7 +144,9 @@ def best_of_labels(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
 def in_all_joints(
     candidates: Sequence[Candidate], fit: Callable[[Sequence[Term], Fit], Hypothesis], start: Fit
 ) -> list[Hypothesis]:
-    """Return fits of laws in all joints at once, without the joints where a law does nothing.
+    """Return fits of laws in all joints at once.
+
+    Joints where a law does nothing are left out.
 
     Parameters
     ----------
@@ -176,9 +178,9 @@ def is_one_law(hypothesis: Hypothesis) -> bool:
 
 
 def laws_in_all_joints(candidates: Sequence[Candidate]) -> list[list[Candidate]]:
-    """Return the law of the largest gain over all joints, and its other forms that gain as much.
+    """Return the law of the largest gain over all joints.
 
-    Every parameter costs what it costs in the evidence.
+    Its other forms that gain as much are included. Every parameter costs what it costs in the evidence.
 
     Parameters
     ----------
