@@ -17,7 +17,7 @@ from vlab.modal.modal_test import (
 )
 from vlab.recordings import open_table
 from vlab.recordings.assemble import ColumnSpec, on_even_stamps, to_recording
-from vlab.recordings.response_files import SideSpec, read_responses, response_labels
+from vlab.recordings.response_files import SideSpec, check_names, read_responses, response_labels
 from vlab.recordings.response_labels import frequency_column
 from vlab.recordings.table import Table
 from vlab.signals import KIND_UNITS, FrequencyResponse, Recording
@@ -165,7 +165,11 @@ def load_runs(
         for key, value in (("time", time), ("rate", rate_hz)):
             if value is not None:
                 raise BadRecording(f"frequency responses have no {key}; leave out --{key}")
-    sides = [[SideSpec(*_parts(text)) for text in texts] for texts in (inputs, outputs)]
+    into, out = ([SideSpec(*_parts(text)) for text in texts] for texts in (inputs, outputs))
+    of_files = [table for table, is_given in zip(tables, given, strict=True) if is_given and table is not None]
+    labels = [label for table in of_files for label in response_labels(table, frequency=frequency)]
+    if labels and len(of_files) == len(sources):
+        check_names(labels, inputs=into, outputs=out, where=", ".join(map(_called, sources[:4])))
     loaded: list[Loaded] = []
     for one, table, is_given in zip(sources, tables, given, strict=True):
         if isinstance(one, Recording):
@@ -179,7 +183,7 @@ def load_runs(
         elif is_given:
             if len(sources) > 1 and not inputs:
                 _check_named(table, frequency)
-            loaded.append((read_responses(table, inputs=sides[0], outputs=sides[1], frequency=frequency), None))
+            loaded.append((read_responses(table, inputs=into, outputs=out, frequency=frequency, is_part=True), None))
         else:
             loaded.append((_labelled(table, inputs, outputs, time, rate_hz), None))
     return loaded

@@ -163,7 +163,7 @@ def _title(runs: Sequence[str]) -> str:
 def _text(result: ModalTestResult, found: Sequence[FoundMode]) -> str:
     document = result.as_dict()
     kinds = ", ".join(dict.fromkeys(s.kind for s in result.signals))
-    origin = f"excitation {kinds}" if result.signals else f"{result.n_given()} measured responses"
+    origin = f"excitation {kinds}" if result.signals else f"{result.n_given()} given response{'s' * (result.n_given() > 1)}"
     rows = [
         [i + 1, m["hz"], m["hz_sd"], m["zeta"], m["zeta_sd"], m["confidence"], *m["shape"].values()]
         for i, m in enumerate(document["modes"])

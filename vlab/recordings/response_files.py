@@ -84,6 +84,7 @@ def read_responses(
     inputs: Sequence[SideSpec] = (),
     outputs: Sequence[SideSpec] = (),
     frequency: str | None = None,
+    is_part: bool = False,
 ) -> tuple[MeasuredResponse, ...]:
     """Return the frequency responses of a file in SI.
 
@@ -95,11 +96,13 @@ def read_responses(
         Chosen inputs and outputs; all if empty. An input also names what the file leaves unnamed.
     frequency : str, optional
         Column of the frequencies; by default the column of that name.
+    is_part : bool
+        Whether other files may have the names, see `check_names`.
 
     Returns
     -------
     tuple of MeasuredResponse
-        Responses, one for each input, unit and column of frequencies.
+        Responses, one for each input, unit and column of frequencies; empty if none is chosen.
 
     Raises
     ------
@@ -114,8 +117,10 @@ def read_responses(
     if not labels:
         fix = "give complex columns, or pairs such as 'acc real' and 'acc imag', or 'acc magnitude' and 'acc phase'"
         raise refuse(table.path, "no frequency response with magnitude and phase among the columns", fix=fix)
+    if not is_part:
+        check_names(labels, inputs=inputs, outputs=outputs, where=one_line(table.path))
     columns, notes, unsure = [], [], []
-    for label, output, given in _chosen(table, labels, inputs, outputs):
+    for label, output, given in _chosen(labels, inputs, outputs):
         column, said = _read(table, label, output, given, frequency)
         columns.append(column)
         notes += [note for note in said if note not in notes]
@@ -130,20 +135,40 @@ def read_responses(
     return tuple(_together(table, group, notes if not i else []) for i, group in enumerate(groups.values()))
 
 
-def _chosen(
-    table: Table, labels: Sequence[ResponseLabel], inputs: Sequence[SideSpec], outputs: Sequence[SideSpec]
-) -> list[tuple[ResponseLabel, SideSpec, SideSpec]]:
-    """Return chosen labels with the user's descriptions."""
-    path = one_line(table.path)
+def check_names(
+    labels: Sequence[ResponseLabel], *, inputs: Sequence[SideSpec], outputs: Sequence[SideSpec], where: str
+) -> None:
+    """Refuse names that no response has.
+
+    Parameters
+    ----------
+    labels : sequence of ResponseLabel
+        Responses of one or more files.
+    inputs, outputs : sequence of SideSpec
+        Chosen inputs and outputs.
+    where : str
+        Files, for the message.
+
+    Raises
+    ------
+    UnknownName
+        No response has an input, output or column of that name. One input may name what the files leave unnamed.
+    """
     known = list(dict.fromkeys(label.output for label in labels))
     for spec in outputs:
         if spec.name not in known and all(spec.name != label.column for label in labels):
-            raise unknown_name("output", spec.name, known, where=path)
+            raise unknown_name("output", spec.name, known, where=where)
     given = list(dict.fromkeys(label.input for label in labels if label.input))
     is_unnamed = any(not label.input for label in labels)
     for spec in inputs:
         if spec.name not in given and not (is_unnamed and len(inputs) == 1):
-            raise unknown_name("input", spec.name, given, where=path)
+            raise unknown_name("input", spec.name, given, where=where)
+
+
+def _chosen(
+    labels: Sequence[ResponseLabel], inputs: Sequence[SideSpec], outputs: Sequence[SideSpec]
+) -> list[tuple[ResponseLabel, SideSpec, SideSpec]]:
+    """Return chosen labels with the user's descriptions."""
     chosen = []
     for label in labels:
         output = next((s for s in outputs if s.name in (label.output, label.column)), None)
@@ -152,9 +177,6 @@ def _chosen(
             continue
         own = replace(label, output=output.name if output else label.output, input=into.name if into else label.input)
         chosen.append((own, output or SideSpec(name=label.output), into or SideSpec(name=label.input)))
-    if not chosen:
-        what = f"no response of {', '.join(s.name for s in outputs)} to {', '.join(s.name for s in inputs)}"
-        raise refuse(table.path, what, fix=f"the responses are {', '.join(label.column for label in labels[:20])}")
     return chosen
 
 

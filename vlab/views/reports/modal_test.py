@@ -158,7 +158,7 @@ def _origin(result: ModalTestResult) -> str:
     """Return one sentence on the data."""
     inputs = ", ".join(result.mean.inputs)
     if not result.signals:
-        return f"{result.n_given()} measured frequency responses; inputs: {inputs}."
+        return f"{result.n_given()} given frequency response{'s' * (result.n_given() > 1)}; inputs: {inputs}."
     kinds = ", ".join(dict.fromkeys(s.kind for s in result.signals))
     recognised = " (recognised from the samples)" if any(s.is_recognised for s in result.signals) else ""
     count = len(result.responses)
