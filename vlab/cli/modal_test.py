@@ -163,7 +163,9 @@ def _title(runs: Sequence[str]) -> str:
 def _text(result: ModalTestResult, found: Sequence[FoundMode]) -> str:
     document = result.as_dict()
     kinds = ", ".join(dict.fromkeys(s.kind for s in result.signals))
-    origin = f"excitation {kinds}" if result.signals else f"{result.n_given()} given response{'s' * (result.n_given() > 1)}"
+    origin = (
+        f"excitation {kinds}" if result.signals else f"{result.n_given()} given response{'s' * (result.n_given() > 1)}"
+    )
     rows = [
         [i + 1, m["hz"], m["hz_sd"], m["zeta"], m["zeta_sd"], m["confidence"], *m["shape"].values()]
         for i, m in enumerate(document["modes"])
@@ -175,6 +177,10 @@ def _text(result: ModalTestResult, found: Sequence[FoundMode]) -> str:
     ]
     from vlab.views.reports.modal_test import FOUND_HEADERS, LEVEL_HEADERS, doubts, found_rows, level_rows
 
+    if len(result.mean.inputs) > 1:
+        rows = [[i + 1, m["hz"], *m["input_shape"].values()] for i, m in enumerate(document["modes"])]
+        table = text_table(["mode", "Hz", *result.mean.inputs], rows)
+        parts.append(f"shapes at the inputs, from the participation of each input (reciprocity)\n{table}")
     parts += doubts(result)
     for part in result.distortion:
         parts.append(

@@ -181,6 +181,9 @@ class ModalTestResult:
         }
         for mode, left in zip(document["modes"], self.still_ringing().tolist(), strict=True):
             mode["transient_left"] = left
+        if len(self.mean.inputs) > 1:
+            for mode, shape in zip(document["modes"], estimate.real_participation().T.tolist(), strict=True):
+                mode["input_shape"] = dict(zip(self.mean.inputs, shape, strict=True))
         for mode, forces in zip(document["modes"], self.forces, strict=False):
             named = dict(zip(forces.inputs, forces.forces.tolist(), strict=True))
             mode["dwell"] = {"hz": forces.hz, "indicator": forces.indicator, "forces": named}

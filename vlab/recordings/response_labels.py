@@ -88,8 +88,12 @@ def labels_of_pairs(names: Iterable[str], stated: Mapping[str, str], split: Iter
 
     Parameters
     ----------
-    names, stated, split
-        As for `labels_of_complex`; real columns.
+    names : iterable of str
+        Real columns.
+    stated : mapping of str to str
+        Units that the file states.
+    split : iterable of str
+        Names of arrays that were split into columns.
 
     Returns
     -------
@@ -119,7 +123,10 @@ def _label(name: str, text: str, arrays: set[str], **columns: str) -> ResponseLa
 
 
 def _joined(before: str, after: str) -> str:
-    """Return a name without the word between two parts, and without the signs beside that word."""
+    """Return the parts around a word as one name.
+
+    Signs beside the word are left out.
+    """
     before, after = before.rstrip(" _.-:,;(|"), after.strip(" _.-:,;|")
     if after.startswith("(") and after.endswith(")"):
         after = after[1:-1]

@@ -201,7 +201,15 @@ def _shapes(result: ModalTestResult, true: ModalModel | None, draw: Any) -> Sect
             mac(estimated, true.shapes), rows="fit", columns="plant", row_freq=freq, column_freq=true.freq.tolist()
         )
         figures.append(draw("mac-plant", against, "MAC of the shapes from the fit with the plant's own."))
-    return Section(title="Mode shapes", figures=figures)
+    if len(result.mean.inputs) == 1:
+        return Section(title="Mode shapes", figures=figures)
+    rows = [[i + 1, freq[i], *shape] for i, shape in enumerate(result.poles.real_participation().T.tolist())]
+    text = (
+        "Shapes at the inputs, from the participation of each input: by reciprocity those at the places of the forces."
+    )
+    return Section(
+        title="Mode shapes", text=[text], tables=[(("mode", "Hz", *result.mean.inputs), rows)], figures=figures
+    )
 
 
 def _paired(result: ModalTestResult, true: ModalModel) -> Array:
