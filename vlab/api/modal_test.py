@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from vlab.errors import BadRecording
 from vlab.lab.run_folder import DoneRun, RunSettings, load_run
 from vlab.modal.dwell import DwellResult
@@ -200,14 +202,16 @@ def _holds_responses(table: Table, named: Sequence[str], frequency: str | None) 
     """
     if table.channels is not None:
         return False
-    labels = response_labels(table, frequency=frequency)
-    used = {name for label in labels for name in (label.column, label.imaginary, label.phase)}
     if frequency is not None:
         return True
-    if labels:
-        return not named or any(name in used or name not in table.names for name in named)
+    labels = response_labels(table)
     has_time = any(name.strip().lower() in TIME_NAMES for name in table.names)
-    return bool(frequency_column(table.names, table.units)) and not (has_time or named)
+    if has_time and not any(np.iscomplexobj(table[label.column]) for label in labels):
+        return False  # magnitudes and phases over time are records
+    if labels:
+        used = {name for label in labels for name in (label.column, label.imaginary, label.phase)}
+        return not named or any(name in used or name not in table.names for name in named)
+    return bool(frequency_column(table.names, table.units)) and not named
 
 
 def _check_named(table: Table, frequency: str | None) -> None:
