@@ -167,14 +167,15 @@ def test_the_difference_that_is_taken_off_is_that_of_mujoco_and_the_system_along
     longest = int(np.argmax([len(y) for y in along]))
     trajectory = refiner.moving.moving.trajectories[longest]
     plant = refiner.problem.adjusted(fit.theta)
-    mass, arm = float(plant.model.body_mass[1]), -float(plant.model.body_ipos[1, 2])
-    inertia = float(plant.model.body_inertia[1, 1]) + mass * arm**2
+    mass, (aside, _, below) = float(plant.model.body_mass[1]), plant.model.body_ipos[1]
+    inertia = float(plant.model.body_inertia[1, 1]) + mass * (aside**2 + below**2)
     gain = np.exp(
         sum(v for change, v in zip(refiner.reduced_model.changes, fit.theta, strict=True) if change.sensor is not None)
     )  # of the only sensor
 
     def rate(_, x):
-        return [x[1], (-mass * 9.80665 * arm * np.sin(x[0]) - damping * x[1]) / inertia]
+        lever = aside * np.cos(x[0]) + below * np.sin(x[0])
+        return [x[1], (mass * 9.80665 * lever - damping * x[1]) / inertia]
 
     state, time = states[longest], trajectory.time - trajectory.time[0]
     angle = solve_ivp(

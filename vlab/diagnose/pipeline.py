@@ -41,6 +41,7 @@ from vlab.diagnose.verdict import (
     coloured_noise_note,
     decide_verdict,
     explains_part,
+    has_plausible_parameters,
     is_needed,
     is_partial_explanation,
     is_within_noise,
@@ -240,7 +241,7 @@ class _Pass:
         if isinstance(again, _Pass) or again.verdict not in NAMING:
             return None
         assert again.tried is not None
-        if not explains_part(again.tried.checked):
+        if not (explains_part(again.tried.checked) and has_plausible_parameters(again.tried.fit)):
             return None
         return last._diagnosed(searched, replace(again, verdict="unknown-law"))
 

@@ -17,6 +17,7 @@ from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.parameter_vector import ParameterVector
 from vlab.diagnose.inference.trajectory_score_test import Lines, TrajectoryScoreTest
 from vlab.diagnose.parameters.locations import Place
+from vlab.diagnose.parameters.mjcf import relative_changes
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.predictors.trajectory import pad_and_stack
 from vlab.diagnose.predictors.trajectory_integration import integrate_trajectory, trace_laws
@@ -86,7 +87,9 @@ class TrajectoryLeastSquares(LeastSquares):
         self.screen, self.problem, self.reduced_model, self.runs = screen, screen.problem, screen.reduced_model, runs
         self._gather()
         self._weigh()
-        self.noise_share = 1.0  # allowed model error counts as noise, so a smaller residual gains nothing
+        self.noise_share += (
+            self.integration_share
+        )  # no law is followed closer than the steps of the linear system allow
         self.active = np.zeros(0, dtype=int)
         self.start_scale = self._spreads()
         self.first_starts = [run.start for run in runs]
@@ -276,8 +279,7 @@ class TrajectoryLeastSquares(LeastSquares):
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, Array]], n_sets: int
     ) -> tuple[Array, Array]:
         """Return generalised forces on deviations, and on sensors."""
-        own = np.expm1(np.clip(theta - self.moving.theta, -3.0, 3.0))
-        own[:, [c.sensor is not None for c in self.reduced_model.changes]] = 0.0
+        own = relative_changes(self.problem.parameters, theta - self.moving.theta)
         forces = np.einsum("kwni,si->kswn", self.changes, own, optimize=True)
         for term, given in zip(terms, values, strict=True):
             if isinstance(term.effect, ActuatorEffect):
