@@ -159,7 +159,7 @@ class TrajectoryLeastSquares(LeastSquares):
         for w, run in enumerate(self.runs):
             seen = moved[: len(run), :, w] * run.usable[:, None, :] / self.sigma[w]
             response = seen.transpose(0, 2, 1).reshape(-1, m2)
-            out[w] = (response, np.linalg.solve(response.T @ response + np.eye(m2), response.T), np.ones(m2))
+            out[w] = (response, _regularised_inverse(response), np.ones(m2))
         return y[:, 0], out
 
     def _descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = FIT.near_enough) -> Fit:
@@ -385,6 +385,15 @@ class TrajectoryLeastSquares(LeastSquares):
             z = np.stack([self._cut(r) for r in whole.z])
             self._lines[place.name] = (rows, z, np.einsum("lkwn,kwn->lkw", rows, self.v), whole.weight)
         return self._lines[place.name]
+
+
+def _regularised_inverse(R: Array) -> Array:
+    """Return the regression (R^T R + 1)^-1 R^T on unit priors, by singular values.
+
+    Responses of unstable motion are so large that normal equations would lose the priors.
+    """
+    left, size, right = np.linalg.svd(R, full_matrices=False)
+    return np.asarray((right.T * (size / (size**2 + 1.0))) @ left.T)
 
 
 def _sensed(effect: SensorEffect, x: Array, p: Values, h: float, t: Array, is_even: bool) -> Array:

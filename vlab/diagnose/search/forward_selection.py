@@ -70,7 +70,7 @@ class ForwardSelection:
             All hypotheses; of each set of effects the one of best score.
         """
         out = list(hypotheses)
-        if not (self.deadline.is_past or any(is_one_law(h) for h in out)):
+        if self._goes_on([*out, self.before]) and not any(is_one_law(h) for h in out):
             out += in_all_joints(self.candidates, self._fitted, self.before.long_fit)
         best = by_score([*out, self.before])[0]
         level = [best if is_one_law(best) else self.before]
@@ -144,7 +144,9 @@ def best_of_labels(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
 def in_all_joints(
     candidates: Sequence[Candidate], fit: Callable[[Sequence[Term], Fit], Hypothesis], start: Fit
 ) -> list[Hypothesis]:
-    """Return fits of laws in all joints at once, without the joints where a law does nothing.
+    """Return fits of laws in all joints at once.
+
+    Joints where a law does nothing are left out.
 
     Parameters
     ----------
@@ -176,9 +178,9 @@ def is_one_law(hypothesis: Hypothesis) -> bool:
 
 
 def laws_in_all_joints(candidates: Sequence[Candidate]) -> list[list[Candidate]]:
-    """Return the law of the largest gain over all joints, and its other forms that gain as much.
+    """Return the law of the largest gain over all joints.
 
-    Every parameter costs what it costs in the evidence.
+    Its other forms that gain as much are included. Every parameter costs what it costs in the evidence.
 
     Parameters
     ----------

@@ -66,12 +66,14 @@ def search_moving(
         shortlist += [c for c in slow if c.label not in known]
     screen.forget()
     report(0.5, "fitting single effects")
-    everywhere = in_all_joints(candidates, lambda terms, start: fitted(narrow, terms, start), before.fit)
-    hypotheses = finished(narrow, [*each_fitted(narrow, shortlist, before.fit), *everywhere])
-    if hypotheses and min(h.normalised_residual for h in hypotheses) > HYPOTHESIS_FITS.enough and not deadline.is_past:
+    hypotheses = singles = finished(narrow, each_fitted(narrow, shortlist, before.fit))
+    if _leave_much(hypotheses) and not deadline.is_past:
+        report(0.6, "fitting laws in all joints")
+        everywhere = in_all_joints(candidates, lambda terms, start: fitted(narrow, terms, start), before.fit)
+        hypotheses = by_score(hypotheses, finished(narrow, everywhere))
+    if _leave_much(hypotheses) and not deadline.is_past:
         report(0.65, "fitting pairs of effects")
-        alone = [h for h in hypotheses if len(h.terms) == 1]
-        doubles = finished(narrow, _pairs(screen, narrow, shortlist, candidates, alone, effects))
+        doubles = finished(narrow, _pairs(screen, narrow, shortlist, candidates, singles, effects))
         hypotheses = by_score(hypotheses, doubles)
     report(0.85, "fitting whole recordings")
     if hypotheses:  # again about the best hypothesis' calibrated plant, where the uncertain parameters change little
@@ -99,6 +101,11 @@ def search_moving(
         places=places,
         candidates=tuple(candidates),
     )
+
+
+def _leave_much(hypotheses: Sequence[Hypothesis]) -> bool:
+    """Return whether every hypothesis leaves more than noise and allowed model error."""
+    return bool(hypotheses) and min(h.normalised_residual for h in hypotheses) > HYPOTHESIS_FITS.enough
 
 
 def _pairs(
