@@ -15,6 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 import physics_rig
 from physics_rig import CHANNEL_VALUES, PORT_VALUES
 
+from vlab.cases.case import load_case
 from vlab.cases.initial_state import InitialState
 from vlab.cases.simulate import simulate
 from vlab.physics.attach import Attached, attach
@@ -54,12 +55,24 @@ class Rig:
         return self.known[key]
 
 
+SERVO = '<position name="push" joint="a" gear="2" kp="40" kv="0.8" forcerange="-30 30"{}/>'
+"""A servo in place of the first motor; its commands are the motor's forces as lengths, 20 times as small."""
+FILTER_OF_SERVO = ' timeconst="0.01"'
+
+
 @lru_cache(maxsize=8)
-def rig_of(kind="slide", integrator="Euler"):
+def rig_of(kind="slide", integrator="Euler", servo=""):
     files = TemporaryDirectory(prefix="vlab-answer-")
+    folder = Path(files.name)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(physics_rig, "SECONDS", 1.0)
-        case = physics_rig._chain_case(Path(files.name), kind, SAMPLE / STEPS, integrator)
+        case = physics_rig._chain_case(folder, kind, SAMPLE / STEPS, integrator)
+    if servo:
+        model, text = (folder / "rig.xml").read_text(), (folder / "case.toml").read_text()
+        (folder / "rig.xml").write_text(model.replace('<motor name="push" joint="a"/>', servo))
+        as_force, as_command = 'kind = "force"\nunit = "N"', 'kind = "command"\nunit = "m"\nscale = 0.05'
+        (folder / "case.toml").write_text(text.replace(as_force, as_command, 1))
+        case = load_case(folder)
     return Rig(case.plant, case.runs(("fit",))[0], files)
 
 
@@ -98,6 +111,14 @@ SEVERAL = [
 """Effects that act on each other, with an actuator whose gain comes before its quantisation."""
 FORCED = {name: PORT_VALUES[name] for name in ("lugre-friction", "stribeck-friction", "structural-damping")}
 
+OF_SERVOS = {
+    "servo-position-gain": {"gain": -0.3},
+    "servo-velocity-gain": {"gain": 0.5},
+    "servo-torque-constant": {"gain": -0.2},
+    "servo-error-dead-zone": {"threshold": 0.1},
+    "servo-force-limit": {"limit": 8.0},
+}
+
 
 @pytest.fixture(scope="module")
 def jobs(tmp_path_factory):
@@ -108,6 +129,11 @@ def jobs(tmp_path_factory):
         job(folder, f"{name}-{integrator}", rig_of(integrator=integrator), [(name, *at)])
         for name, at in FORCED.items()
         for integrator in ("RK4", "implicitfast")
+    ]
+    out += [
+        job(folder, f"{name}{lag}", rig_of(servo=SERVO.format(text)), [(name, "actuator:push", values)])
+        for name, values in OF_SERVOS.items()
+        for lag, text in (("", ""), ("-filtered", FILTER_OF_SERVO))
     ]
     return {one.name: one for one in out}
 
@@ -142,6 +168,19 @@ def test_an_effect_runs_in_plain_mujoco_as_in_vlab(name, jobs, plain):
     assert not one.answer.not_written
     allowed = AS_SPRINGS if name in SPRINGS else {"actuator-lag": FILTER}.get(name, ROUNDING)
     assert share(one.rig, one.effects, plain[name]) < allowed
+
+
+@pytest.mark.parametrize("name", [f"{n}{lag}" for n in OF_SERVOS for lag in ("", "-filtered")])
+def test_an_effect_within_a_servo_runs_in_plain_mujoco_as_in_vlab(name, jobs, plain):
+    one = jobs[name]
+    assert not one.answer.not_written
+    assert share(one.rig, one.effects, plain[name]) < ROUNDING
+    assert bool(one.answer.laws) == ("dead-zone" in name)  # all others are numbers of the servo, in the text
+    assert bool(one.answer.uses) == ("dead-zone" in name)
+
+
+def test_the_catalogue_is_covered():
+    assert {*ALL, *OF_SERVOS, "tension-error"} == set(EFFECTS)  # a stretched bar is no part of an MJCF model
 
 
 def test_effects_on_each_other_run_in_plain_mujoco_as_in_vlab(jobs, plain):

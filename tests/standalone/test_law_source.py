@@ -50,7 +50,7 @@ class Inherited(Own):
 
 def test_a_users_law_comes_with_all_that_it_names():
     code, names = LawCode(), {"np": np}
-    assert code.add(Own()) == "Own"
+    assert code.add(Own()) == "Own()"
     exec(compile(code.text, "law", "exec"), names)
     assert names["Own"]().force(1.25, 0.0, {"k": 3.0}, None, None) == (-3.0, None)
     assert names["Own"].__doc__.startswith("A user's law.")

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from vlab.files.text import one_line
 from vlab.physics.attach import Attached
 from vlab.physics.effect import LinearPortEffect, PortEffect
 from vlab.physics.running import AtActuator, AtPort, AtSensor
+from vlab.physics.servo import ServoEffect
 from vlab.plants.base import Port
 from vlab.plants.mjcf import AXES, MjcfPlant
 from vlab.standalone.law_source import CannotWrite, LawCode
@@ -187,17 +189,22 @@ def _written(
         table += [{**line, "impedance": impedance} for line in lines]
         return
     try:
-        name = code.add(a.effect)
+        law = code.add(a.effect)
     except CannotWrite as error:
         refused[a.effect.name] = str(error)
         return
     values = {k: float(v) for k, v in a.values.items()}
-    table += [{**line, "law": _Raw(f"{name}()"), "values": values} for line in lines]
+    table += [{**line, "law": _Raw(law), "values": values} for line in lines]
 
 
 def _lines(a: AtPort, plant: MjcfPlant) -> list[dict[str, Any]]:
     """Return the coordinates of a port, one a line."""
-    control = {} if a.coil is None else {"control": int(plant.actuators[a.coil].controls[0])}
+    control: dict[str, Any] = {}
+    if a.coil is not None:
+        control = {"control": int(plant.actuators[a.coil].controls[0])}
+        state = int(plant.model.actuator_actadr[control["control"]])
+        if isinstance(a.effect, ServoEffect) and state >= 0:
+            control["state"] = state
     return [{**_coordinate(a.port, port, k, plant), **control} for k, port in enumerate((a.port, *a.port.more))]
 
 
@@ -205,6 +212,11 @@ def _coordinate(first: Port, port: Port, index: int, plant: MjcfPlant) -> dict[s
     if first.tag == "floor":
         return {"kind": "floor", "row": np.asarray(port.row(plant.new_data())).tolist()}
     kind, _, name = first.name.partition(":")
+    if kind == "actuator":
+        model, control = plant.model, int(plant.actuators[plant.actuator_index(name)].controls[0])
+        spans = "joint" if model.actuator_trntype[control] == mujoco.mjtTrn.mjTRN_JOINT else "tendon"
+        of = getattr(model, spans)(int(model.actuator_trnid[control, 0])).name
+        return {"kind": spans, "name": of, "gear": float(model.actuator_gear[control, 0])}
     if first.tag == "body":
         return {"kind": kind, "name": name, "axis": index}
     if kind == "site":

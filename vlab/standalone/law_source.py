@@ -6,10 +6,11 @@ annotations taken off.
 """
 
 import ast
+import dataclasses
 import inspect
 import textwrap
 import types
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,7 @@ class LawCode:
         Returns
         -------
         str
-            Name of the law's class in the code.
+            Expression that makes the law.
 
         Raises
         ------
@@ -53,7 +54,7 @@ class LawCode:
         """
         kept = (dict(self.imports), dict(self._parts))
         try:
-            return self._class(type(effect), _called(effect))
+            return f"{self._class(type(effect), _called(effect), own=vars(effect))}({self._own(effect)})"
         except (CannotWrite, OSError, TypeError, SyntaxError) as error:
             self.imports, self._parts = kept
             raise CannotWrite(f"the code of {effect.name} cannot stand alone: {error}") from error
@@ -63,22 +64,36 @@ class LawCode:
         """Code of all laws, without imports."""
         return "\n\n\n".join(text for _, text in self._parts.values())
 
-    def _class(self, made: type, methods: Sequence[str]) -> str:
+    def _own(self, effect: Any) -> str:
+        """Return an object's own numbers as arguments."""
+        return ", ".join(f"{k}={self._value(v, k)}" for k, v in vars(effect).items())
+
+    def _value(self, value: Any, name: str) -> str:
+        """Return a number, or a record of numbers, as code."""
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            made = type(value)
+            methods = [k for k, v in vars(made).items() if _function(v) is not None and not k.startswith("__")]
+            return f"{self._class(made, methods, own=vars(value))}({self._own(value)})"
+        return _literal(value, name)
+
+    def _class(self, made: type, methods: Sequence[str], own: Mapping[str, Any] | None = None) -> str:
         name = made.__name__
         if name in self._parts:
             if self._parts[name][0] is not made:
                 raise CannotWrite(f"two classes are named {name}")
             return name
         members: dict[str, str] = {}
+        if own:
+            members["__init__"] = "def __init__(self, **values):\n    vars(self).update(values)"
         waiting = list(methods)
         while waiting:
             member = waiting.pop(0)
-            if member in members:
+            if member in members or member in (own or ()):
                 continue
             raw = inspect.getattr_static(made, member, None)
             function = _function(raw)
             if function is None:
-                members[member] = f"{member} = {_literal(raw, f'{name}.{member}')}"
+                members[member] = f"{member} = {self._value(raw, f'{name}.{member}')}"
                 continue
             tree = _tree(function)
             members[member] = ast.unparse(tree)
@@ -198,6 +213,12 @@ def _literal(value: Any, name: str) -> str:
         return f"np.array({value.tolist()!r})"
     if isinstance(value, np.generic):
         value = value.item()
+    if isinstance(value, float) and not np.isfinite(value):
+        return f'float("{value}")'
+    if isinstance(value, (tuple, list)):
+        parts = [_literal(part, name) for part in value]
+        inside = ", ".join(parts)
+        return f"[{inside}]" if isinstance(value, list) else f"({inside}{',' if len(parts) == 1 else ''})"
     try:
         if ast.literal_eval(repr(value)) == value:
             return repr(value)

@@ -35,12 +35,13 @@ INERTIA = ("body_mass", "body_ipos", "body_iquat", "body_inertia")
 ACTUATOR = (
     "actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuator_ctrlrange", "actuator_ctrllimited",
     "actuator_biastype", "actuator_dyntype", "actuator_actearly", "actuator_delay",
+    "actuator_forcerange", "actuator_forcelimited",
 )  # fmt: skip
 NUMBERS = tuple(
     dict.fromkeys(
         f for table in (JOINT, TENDON) for fields in table.values() for f in fields
     )
-) + INERTIA + ACTUATOR[:3]  # fmt: skip
+) + INERTIA + ACTUATOR[:5] + ACTUATOR[-2:]  # fmt: skip
 """Numbers that a law module can set in the compiled model where the text cannot."""
 _DYNTYPE = {0: "none", 1: "integrator", 2: "filter", 3: "filterexact"}
 _OF_SHORTCUTS = ("kp", "kv", "dampratio", "timeconst", "inheritrange")
@@ -264,6 +265,8 @@ def _set_actuator(
     changed = {f for f in ACTUATOR if _differs(getattr(nominal, f)[i], getattr(wanted, f)[i])}
     if changed & {"actuator_ctrlrange", "actuator_ctrllimited"}:
         new |= {"ctrllimited": "true", "ctrlrange": _all_text(wanted.actuator_ctrlrange[i])}
+    if changed & {"actuator_forcerange", "actuator_forcelimited"}:
+        new |= {"forcelimited": "true", "forcerange": _all_text(wanted.actuator_forcerange[i])}
     if "actuator_delay" in changed:
         samples = int(wanted.actuator_history[i][0])
         new |= {"nsample": str(samples), "interp": "linear", "delay": _all_text(wanted.actuator_delay[i])}
@@ -290,7 +293,7 @@ def _before(nominal: Any, i: int, attribute: str) -> str:
     field = {"kp": "actuator_gainprm", "kv": "actuator_biasprm"}.get(attribute, f"actuator_{attribute}")
     if attribute == "kv" and nominal.actuator_biasprm[i, 2] != 0:
         return number_text(-nominal.actuator_biasprm[i, 2])
-    if attribute in ("gainprm", "biasprm", "dynprm", "delay", "ctrlrange", "kp"):
+    if attribute in ("gainprm", "biasprm", "dynprm", "delay", "ctrlrange", "forcerange", "kp"):
         values = np.ravel(getattr(nominal, field)[i])
         return number_text(values[:1] if attribute == "kp" else values)
     return ""

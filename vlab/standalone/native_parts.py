@@ -100,7 +100,7 @@ def native_parts(
     at_work = {a.effect.name for a in running.physics}
     for one in [one for one in left if one.effect.name not in at_work]:
         left.remove(one)
-        native[one.label] = "numbers of the compiled model"
+        native[one.label] = "numbers of the actuator" if "servo" in one.effect.needs else "numbers of the model"
         del reasons[one.label]
     spec = plant.spec.copy()
     spec.compile()
@@ -159,8 +159,7 @@ def _into_actuators(plant: MjcfPlant, effects: Sequence[Attached], with_elements
             out.reasons[one.label] = reason
             continue
         out.native[one.label] = CALLED[one.effect.name]
-        gains = [float(plant.model.actuator_gainprm[i, 0]) for i in indices]
-        out.changes += [_changed(i, one, gain) for i, gain in zip(indices, gains, strict=True)]
+        out.changes += [_changed(i, one) for i in indices]
     return out
 
 
@@ -182,8 +181,11 @@ def _refused(model: Any, h: float, i: int, one: Attached) -> str:
     return ""
 
 
-def _changed(i: int, one: Attached, gain: float) -> Callable[[Any], None]:
-    """Return the change of a spec that puts an effect into an actuator."""
+def _changed(i: int, one: Attached) -> Callable[[Any], None]:
+    """Return the change of a spec that puts an effect into an actuator.
+
+    Changes are made from the last effect to the first, so an offset sees the gain without the effects before it.
+    """
     values, name = one.values, one.effect.name
 
     def change(spec: Any) -> None:
@@ -201,7 +203,7 @@ def _changed(i: int, one: Attached, gain: float) -> Callable[[Any], None]:
             actuator.gainprm[0] *= 1.0 + values["gain"]
         else:
             actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-            actuator.biasprm[0] += gain * values["offset"]
+            actuator.biasprm[0] += actuator.gainprm[0] * values["offset"]
 
     return change
 

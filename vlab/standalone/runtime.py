@@ -49,11 +49,11 @@ class Coordinate:
     """
 
     def __init__(self, model: Any, line: dict[str, Any]) -> None:
-        self.kind, self.axis = line["kind"], line.get("axis", 0)
+        self.kind, self.axis, self.gear = line["kind"], line.get("axis", 0), line.get("gear", 1.0)
         self.index = -1 if self.kind == "floor" else int(getattr(model, self.kind)(line["name"]).id)
         self.fixed = np.array(line["row"]) if self.kind == "floor" else np.zeros(model.nv)
         if self.kind == "joint":
-            self.fixed[model.jnt_dofadr[self.index]] = 1.0
+            self.fixed[model.jnt_dofadr[self.index]] = self.gear
 
     def row(self, model: Any, data: Any) -> Any:
         """Return the Jacobian row of the coordinate.
@@ -73,7 +73,7 @@ class Coordinate:
         if self.kind == "tendon":
             out, first = np.zeros(model.nv), int(model.ten_J_rowadr[self.index])
             count = int(model.ten_J_rownnz[self.index])
-            out[model.ten_J_colind[first : first + count]] = data.ten_J[first : first + count]
+            out[model.ten_J_colind[first : first + count]] = self.gear * data.ten_J[first : first + count]
             return out
         jacobian = np.zeros((3, model.nv))
         find = mujoco.mj_jacBodyCom if self.kind == "body" else mujoco.mj_jacSite
@@ -96,9 +96,9 @@ class Coordinate:
         if self.kind == "floor":
             return 0.0
         if self.kind == "joint":
-            return float(data.qpos[model.jnt_qposadr[self.index]])
+            return self.gear * float(data.qpos[model.jnt_qposadr[self.index]])
         if self.kind == "tendon":
-            return float(data.ten_length[self.index])
+            return self.gear * float(data.ten_length[self.index])
         return float((data.xipos if self.kind == "body" else data.site_xpos)[self.index, self.axis])
 
 
@@ -269,6 +269,7 @@ def _forces(model: Any, data: Any, run: Run) -> tuple[tuple[Any, Any], Any]:
         before = float(v[i])
         after = before + h * float(a[i])
         command = float(data.ctrl[line["control"]]) if "control" in line else 0.0
+        command = float(data.act[line["state"]]) if "state" in line else command  # a servo's filtered command
         step = Step(h, data.time + h / 2, h * float(G[i, i]), after, command, before)
         own = h * float(G[i] @ expected)
         force, memory[i] = line["law"].force(

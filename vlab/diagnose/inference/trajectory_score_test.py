@@ -220,7 +220,7 @@ class TrajectoryScoreTest(ScoreTest):
         ]
 
         def column(parameter: Uncertain) -> Array:
-            if not parameter.fields:
+            if not (parameter.fields or parameter.shifted):
                 return np.zeros((*self.stack.e.shape[:2], self.reduced_model.m))
             pair = [_changed(plant, parameter, sign * TRAJECTORY_SCORE_TEST.change) for sign in (1.0, -1.0)]
             return pad_and_stack([_slope(pair, m, self._stride()) for m in middles])
@@ -495,8 +495,7 @@ def forces_on_trajectory(
 
 def _changed(plant: Plant, parameter: Uncertain, value: float) -> Any:
     model = copy.copy(plant.model)
-    for name, index in parameter.fields:
-        getattr(model, name)[index] *= np.exp(value)
+    parameter.apply(model, value)
     mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
 
