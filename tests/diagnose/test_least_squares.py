@@ -103,6 +103,7 @@ def test_a_fit_of_recordings_that_tell_nothing_of_the_model_ends(tmp_path, torqu
     assert fit.terms == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("torque", [FAR, NEAR])
 def test_what_nothing_explains_ends_in_one_verdict_on_both_model_classes(tmp_path, torque):
     case = pendulum(tmp_path, torque, hold="", initial="rest")
