@@ -15,10 +15,10 @@ from vlab.diagnose.parameters.mode_selection import KeptModes, as_stepped, kept_
 from vlab.diagnose.parameters.observation import actuator_forces, channel_rows, command_feedthrough
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns, limited, read_runs, recorded_commands
 from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, ReducedModel, Shift
-from vlab.diagnose.parameters.structure import (
+from vlab.diagnose.parameters.structure import structure_parameters
+from vlab.diagnose.parameters.structure_sensitivity import (
     carried,
     damping_of_structure,
-    structure_parameters,
     structure_parts,
     structure_shifts,
 )
