@@ -15,12 +15,13 @@ from scipy.interpolate import CubicSpline
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.parameter_vector import ParameterVector
-from vlab.diagnose.inference.trajectory_score_test import Lines, TrajectoryScoreTest
+from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.predictors.trajectory import pad_and_stack
 from vlab.diagnose.predictors.trajectory_integration import integrate_trajectory, trace_laws
 from vlab.diagnose.predictors.trajectory_laws import Law, Path, path_of
+from vlab.diagnose.predictors.trajectory_lines import Lines
 from vlab.diagnose.settings import FIT, TRAJECTORY, TRAJECTORY_FIT, TRAJECTORY_INTEGRATION
 from vlab.physics.effect import ActuatorEffect, PortEffect, SensorEffect, Step, Values
 from vlab.signals import Array
