@@ -1,4 +1,7 @@
-"""Forces of unit effects along the filtered motion at ports, hysteretic laws for all ports at once."""
+"""Forces of effects along the filtered motion at ports.
+
+Hysteretic laws are integrated for all ports at once.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -160,11 +160,12 @@ class TrajectoryLeastSquares(LeastSquares):
             out[w] = (response, np.linalg.solve(response.T @ response + np.eye(m2), response.T), np.ones(m2))
         return y[:, 0], out
 
-    def _descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = FIT.near_enough) -> Fit:
+    def descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = FIT.near_enough) -> Fit:
+        """See `LeastSquares`; the starts of whole runs move to the hypothesis' optimum first."""
         theta, offsets, _, values = vector.unpacked(x[None])
         own = [{k: float(v[0]) for k, v in p.items()} for p in values]
         self.move_starts(vector.terms, theta[0], own, offsets[0])
-        return super()._descend(vector, x, iterations, tolerance)
+        return super().descend(vector, x, iterations, tolerance)
 
     def move_starts(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, float]], offsets: Array

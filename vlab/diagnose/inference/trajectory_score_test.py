@@ -306,9 +306,8 @@ class TrajectoryScoreTest(ScoreTest):
     def lines_of(self, place: Place) -> Lines:
         """Return the rows and coordinates of a location along the motion."""
         if place.name not in self.lines:
-            self.lines[place.name] = lines_along(
-                self.plant, self.systems, port_at(self.plant, place.name), is_body=place.kind == "body"
-            )
+            port = port_at(self.plant, place.name)
+            self.lines[place.name] = lines_along(self.plant, self.systems, port, is_body=place.kind == "body")
         return self.lines[place.name]
 
     def known_motion(self, place: Place) -> tuple[Array, Array, Array, Array]:

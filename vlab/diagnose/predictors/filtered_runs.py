@@ -1,4 +1,4 @@
-"""Kalman filter and smoother on runs of one sample period, with a tuned intensity of unknown forces."""
+"""Filtered and smoothed runs of one sample period."""
 
 from collections.abc import Mapping, Sequence
 
