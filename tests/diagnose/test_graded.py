@@ -15,11 +15,11 @@ from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Candidate, Term
 from vlab.diagnose.pipeline import diagnose
-from vlab.diagnose.search.forward_selection import further_effects
+from vlab.diagnose.search.forward_selection import further_effects, in_all_joints, is_one_law, laws_in_all_joints
 from vlab.diagnose.validation.gap import block_log_ratios, explained_share, predicts_better
 from vlab.diagnose.validation.horizon import is_predicted, parts_of
 from vlab.diagnose.validation.simulation import ExtendedModel, check
-from vlab.diagnose.verdict import explains_part, is_partial_explanation
+from vlab.diagnose.verdict import explains_part, has_plausible_parameters, is_partial_explanation
 from vlab.physics.catalogue import EFFECTS
 
 BETTER = np.array([0.9, 1.1, 1.0, 0.8, 1.2, 1.05])
@@ -96,6 +96,13 @@ def test_a_partial_explanation_needs_the_larger_part_of_the_posterior_in_its_fam
     assert not is_partial_explanation(attempt, choice(coulomb_friction=0.3, added_mass=0.5))
 
 
+def test_an_effect_beside_a_refuted_model_is_no_explanation():
+    fit = replace(fit_of(), theta=np.zeros(4), cost=100.0)
+    # 99 % quantile of chi-squared with 4 degrees of freedom: 13.277 (any table)
+    assert has_plausible_parameters(replace(fit, chi2=113.2))
+    assert not has_plausible_parameters(replace(fit, chi2=113.3))
+
+
 def test_the_unexplained_share_bounds_the_probability():
     (one,) = graded([finding("coulomb-friction")], choice(coulomb_friction=0.9, added_mass=0.1), 0.6)
     assert one.probability == pytest.approx(0.54)
@@ -119,6 +126,38 @@ def test_the_same_law_may_join_at_another_place_and_one_friction_has_one_law():
     ]
     labels = [c.label for c in further_effects(best, table)]
     assert labels == ["coulomb-friction@joint:b", "quadratic-drag@joint:a"]
+
+
+def test_a_law_in_all_joints_is_a_start_with_its_forms_that_gain_as_much():
+    gains = {
+        "coulomb-friction": (90.0, 70.0, 50.0),
+        "stribeck-friction": (90.0, 71.0, 51.0),
+        "jenkins-slip": (85.0, 60.0, 40.0),
+        "viscous-damping": (20.0, 10.0, 5.0),
+    }
+    table = [candidate(name, f"joint:{i}", gain) for name, all_of in gains.items() for i, gain in enumerate(all_of)]
+    alone = candidate(
+        "coulomb-friction", "tendon:a", 400.0
+    )  # a place that moves with all joints explains much by itself
+    laws = laws_in_all_joints([*table, alone])
+    assert [law[0].effect.name for law in laws] == ["coulomb-friction", "stribeck-friction"]
+    assert [c.place.name for c in laws[0]] == ["joint:0", "joint:1", "joint:2"]
+    assert laws_in_all_joints([c for c in table if c.place.name == "joint:0"]) == []
+
+
+def test_joints_where_a_law_does_nothing_are_left_out():
+    table = [candidate("coulomb-friction", f"joint:{i}", 10.0) for i in range(3)]
+    asked = []
+
+    def fit(terms, start):
+        asked.append([t.place.name for t in terms])
+        spread = {f"{t.label}:force": 1e3 if t.place.name == "joint:1" else 0.1 for t in terms}
+        known = [replace(t, values={"force": 1e-6 if t.place.name == "joint:1" else 1.0}) for t in terms]
+        return replace(hypothesis("coulomb-friction"), fit=replace(fit_of(*known), sd=spread))
+
+    (found,) = in_all_joints(table, fit, fit_of())
+    assert asked == [["joint:0", "joint:1", "joint:2"], ["joint:0", "joint:2"]]
+    assert is_one_law(found)
 
 
 # ---- the horizon -----------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from rig_stop import GAP, STOP, stop_case
 
 from vlab.cases import load_case
 from vlab.cli.diagnose import _text
-from vlab.diagnose.advice import format_probability, spoilt_note
+from vlab.diagnose.advice import format_probability, refuted_note, spoilt_note
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, errors_to_json
 from vlab.diagnose.findings import alternatives, by_what_they_explain
 from vlab.diagnose.inference.evidence import Found, Hypothesis
@@ -22,7 +22,7 @@ from vlab.diagnose.search.attempt import best_attempt
 from vlab.diagnose.search.confirmation import Confirmation
 from vlab.diagnose.settings import ATTEMPT, EVIDENCE, MODEL_CHOICE
 from vlab.diagnose.validation.gap import Distance, Part, part_of, whole_gap
-from vlab.diagnose.validation.simulation import Ablations, ExtendedModel, check
+from vlab.diagnose.validation.simulation import Ablations, Checked, ExtendedModel, check
 from vlab.diagnose.verdict import closes_gap, decide_verdict
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS
@@ -364,3 +364,17 @@ def test_a_stop_that_the_hold_out_does_not_reach_is_named_from_the_fit_alone(qui
     assert tried["per_recording"][0]["can_verify"] is False
     assert any("the fit recordings alone" in note for note in document["notes"])
     assert "nothing is verified" in _text(found.diagnosis)
+
+
+def test_a_calibrated_model_of_implausible_parameters_leaves_the_nominal_one():
+    simulated = tuple(SimpleNamespace(name=name) for name in ("nominal", "calibrated", "extended"))
+    run = Checked(
+        name="run", role="holdout", nominal=0.2, before=0.011, after=0.012, noise=0.01, calibrated=0.011,
+        channels={"x": (0.2, 0.011, 0.012, 0.01)}, measured=SimpleNamespace(), simulated=simulated,
+    )  # fmt: skip
+    refuted = run.against_nominal()
+    assert refuted.gap_closed == pytest.approx(0.188 / 0.19)
+    assert refuted.standing is simulated[0]
+    assert refuted.channels["x"] == (0.2, 0.2, 0.012, 0.01)
+    assert "implausible parameters" in refuted_note([refuted])[0]
+    assert refuted_note([run]) == ()

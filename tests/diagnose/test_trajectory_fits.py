@@ -13,7 +13,7 @@ from test_trajectory_diagnosis import shorter
 from vlab.cases import load_case
 from vlab.diagnose.inference.model_choice import is_prior_driven
 from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquares
-from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
+from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares, _regularised_inverse
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory
@@ -167,14 +167,15 @@ def test_the_difference_that_is_taken_off_is_that_of_mujoco_and_the_system_along
     longest = int(np.argmax([len(y) for y in along]))
     trajectory = refiner.moving.moving.trajectories[longest]
     plant = refiner.problem.adjusted(fit.theta)
-    mass, arm = float(plant.model.body_mass[1]), -float(plant.model.body_ipos[1, 2])
-    inertia = float(plant.model.body_inertia[1, 1]) + mass * arm**2
+    mass, (aside, _, below) = float(plant.model.body_mass[1]), plant.model.body_ipos[1]
+    inertia = float(plant.model.body_inertia[1, 1]) + mass * (aside**2 + below**2)
     gain = np.exp(
         sum(v for change, v in zip(refiner.reduced_model.changes, fit.theta, strict=True) if change.sensor is not None)
     )  # of the only sensor
 
     def rate(_, x):
-        return [x[1], (-mass * 9.80665 * arm * np.sin(x[0]) - damping * x[1]) / inertia]
+        lever = aside * np.cos(x[0]) + below * np.sin(x[0])
+        return [x[1], (mass * 9.80665 * lever - damping * x[1]) / inertia]
 
     state, time = states[longest], trajectory.time - trajectory.time[0]
     angle = solve_ivp(
@@ -255,3 +256,14 @@ def test_a_second_effect_stands_beside_another_one(screen, place):
     best = max(pairs, key=lambda h: h.score)
     assert best.terms[1].effect.name in (EFFECT, "quadratic-drag")
     assert best.normalised_residual < singles[0].normalised_residual
+
+
+def test_free_responses_of_unstable_motion_keep_their_priors():
+    rng = np.random.default_rng(3)
+    plain = rng.standard_normal((40, 4))
+    np.testing.assert_allclose(
+        _regularised_inverse(plain), np.linalg.solve(plain.T @ plain + np.eye(4), plain.T), atol=1e-13
+    )
+    clipped = np.full((40, 4), 1e12)  # all columns alike: the normal matrix is singular to rounding
+    moved = _regularised_inverse(clipped) @ np.full(40, 1e12)
+    np.testing.assert_allclose(moved, 0.25, rtol=1e-6)  # the least norm of the four starts

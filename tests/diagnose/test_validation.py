@@ -17,7 +17,7 @@ from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.validation.gap import gap_closed, total
 from vlab.diagnose.validation.simulation import Checked, ExtendedModel, check, coarse_steps, with_finer_steps
-from vlab.diagnose.verdict import closes_gap, is_needed, residual_note
+from vlab.diagnose.verdict import closes_gap, is_incoherent, is_needed, residual_note
 from vlab.files.assets import asset
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS, effect_named
@@ -45,6 +45,15 @@ def test_the_error_over_recordings_is_their_root_mean_square():
     checked = [SimpleNamespace(before=3.0), SimpleNamespace(before=4.0)]
     assert total(checked, "before") == pytest.approx(np.sqrt(12.5))
     assert np.isnan(total([], "before"))
+
+
+def test_a_residual_that_a_model_predicts_is_no_noise():
+    def checked(after):
+        return [SimpleNamespace(before=0.03, incoherent=0.025, after=after)]
+
+    assert is_incoherent(checked(0.03))
+    assert is_incoherent(checked(0.021))  # a spurious effect may follow noise a little
+    assert not is_incoherent(checked(0.015))
 
 
 def test_the_true_physics_leaves_nothing_but_noise(tmp_path, monkeypatch):
@@ -178,6 +187,9 @@ def test_what_priors_ask_for_is_needed_while_recordings_kept_aside_are_no_worse_
     assert is_needed(choice(3.0, True), same, is_structure=False)
     assert not is_needed(choice(3.0, True), worse, is_structure=False)
     assert not is_needed(choice(-1.0, True), same, is_structure=False)
+    alike = checked(0.00104, 0.00119, noise=0.00066)  # within the model error to which fits converge
+    assert is_needed(choice(20.0, True), alike, is_structure=False)
+    assert not is_needed(choice(20.0, False), alike, is_structure=False)
     assert is_needed(choice(3.0, False), better, is_structure=False)
     assert not is_needed(choice(3.0, False), same, is_structure=False)
     assert not is_needed(

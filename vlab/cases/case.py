@@ -32,7 +32,7 @@ from vlab.structure.reader import BUILT_IN, load_structure
 CASE = "case.toml"
 """CASE: name of the case file in its folder."""
 _NAMED = {
-    "body": ("mass", "inertia", "length"),
+    "body": ("mass", "inertia", "centre-of-mass", "length"),
     "geom": ("mass",),
     "joint": ("stiffness", "damping", "armature"),
     "tendon": ("stiffness", "damping", "armature"),

@@ -11,6 +11,7 @@ UNCERTAIN_KINDS = (
     "mass",
     "armature",
     "inertia",
+    "centre-of-mass",
     "length",
     "tension",
     "frequency",

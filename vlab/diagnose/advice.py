@@ -25,7 +25,7 @@ def format_probability(probability: float) -> str:
 
 def before_heading(checked: Sequence[Distance]) -> str:
     """Return the table heading of errors without findings."""
-    return "nominal or calibrated" if any(c.is_spoilt for c in checked) else "calibrated"
+    return "nominal or calibrated" if any(c.stands == "nominal" for c in checked) else "calibrated"
 
 
 def spoilt_note(checked: Sequence[Distance]) -> tuple[str, ...]:
@@ -47,6 +47,28 @@ def spoilt_note(checked: Sequence[Distance]) -> tuple[str, ...]:
     each = ", ".join(f"{c.name} (error {_error(c.calibrated)}, nominal {_error(c.nominal)})" for c in worse)
     return (
         f"the calibrated model is worse than the nominal model on {each}: the gap counts from the nominal model there",
+    )
+
+
+def refuted_note(checked: Sequence[Distance]) -> tuple[str, ...]:
+    """Return a note on recordings that a model of implausible parameters follows.
+
+    Parameters
+    ----------
+    checked : sequence of Distance
+        Errors.
+
+    Returns
+    -------
+    tuple of str
+        One note, or none.
+    """
+    refuted = [c for c in checked if c.is_refuted]
+    if not refuted:
+        return ()
+    each = ", ".join(f"{c.name} (error {_error(c.calibrated)})" for c in refuted)
+    return (
+        f"the calibrated model follows {each} as well, but only with implausible parameters: the gap counts from the nominal model",
     )
 
 
@@ -168,6 +190,8 @@ def implausible_parameters(parameters: Sequence[Uncertain], theta: Array) -> tup
 
 
 def _change(parameter: Uncertain, value: float) -> str:
+    if parameter.shifted:
+        return f"{100.0 * value:+.2g} % of the radius of gyration"
     return f"{1e3 * value:+.2g} mm" if parameter.kind == "place" else f"{100.0 * float(np.expm1(value)):+.2g} %"
 
 

@@ -12,7 +12,14 @@ from vlab.cases.case import Case
 from vlab.cases.channel_map import Run
 from vlab.cases.checks import FileCheck, check_recordings
 from vlab.cases.misfit import misfit
-from vlab.diagnose.advice import idle_note, implausible_parameters, next_measurement, not_excluded, spoilt_note
+from vlab.diagnose.advice import (
+    idle_note,
+    implausible_parameters,
+    next_measurement,
+    not_excluded,
+    refuted_note,
+    spoilt_note,
+)
 from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.quality import assess_quality
 from vlab.diagnose.data_findings import DataFindings, look_at_data
@@ -41,6 +48,7 @@ from vlab.diagnose.verdict import (
     coloured_noise_note,
     decide_verdict,
     explains_part,
+    has_plausible_parameters,
     is_needed,
     is_partial_explanation,
     is_within_noise,
@@ -240,7 +248,7 @@ class _Pass:
         if isinstance(again, _Pass) or again.verdict not in NAMING:
             return None
         assert again.tried is not None
-        if not explains_part(again.tried.checked):
+        if not (explains_part(again.tried.checked) and has_plausible_parameters(again.tried.fit)):
             return None
         return last._diagnosed(searched, replace(again, verdict="unknown-law"))
 
@@ -335,6 +343,11 @@ class _Pass:
         attempt = best_attempt(judged.tried, (trials.of_hypothesis(h, self.effects) for h in others))
         if attempt is None or not is_partial_explanation(attempt, judged.choice):
             return replace(judged, attempt=attempt)
+        useful = useful_terms(attempt, len(judged.seen.of_law(searched.problem)))
+        if len(useful) < len(attempt.fit.terms):
+            fit = replace(attempt.fit, terms=useful)
+            fewer = trials.of(fit, findings_of_terms(judged.choice, fit, searched.problem))
+            attempt = fewer if is_partial_explanation(fewer, judged.choice) else attempt
         after = judged.seen.on(extended(searched.problem, attempt.fit))
         after = after if trials.change is None else trials.change(after)
         return replace(judged, verdict="partly-explained", tried=attempt, fit=attempt.fit, after=after)
@@ -345,6 +358,9 @@ class _Pass:
         problem, choice, verdict, is_structure = searched.problem, judged.choice, judged.verdict, searched.is_structure
         checked, after, fit = list(judged.tried.checked), judged.after, judged.fit
         findings: Sequence[Finding] = ()
+        is_aliased = choice.is_prior_driven and not has_plausible_parameters(judged.confirmed.before)
+        if verdict == "missing-physics" and is_aliased and not closes_gap(checked, is_structure=is_structure):
+            checked = [c.against_nominal() for c in checked]
         if verdict in NAMING:
             findings = by_what_they_explain(judged.tried.findings, checked)
         else:  # the extended model holds reported findings only
@@ -390,6 +406,7 @@ class _Pass:
             *residual_note(verdict, checked, is_structure=is_structure),
             *coloured_noise_note(verdict, checked, is_structure=is_structure),
             *spoilt_note(checked),
+            *refuted_note(checked),
             *idle_note(idle),
             *judged.notes,
             *([self.told] if self.told else []),

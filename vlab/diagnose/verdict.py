@@ -3,10 +3,12 @@
 from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
+from scipy import stats
 
 from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.diagnosis import NAMING, Attempt, Verdict
 from vlab.diagnose.inference.model_choice import Choice
+from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.settings import GAP, PROBLEM, VERDICT
 from vlab.diagnose.validation.gap import Distance, gap_closed, predicts_better, total, verifying
 from vlab.diagnose.validation.simulation import Checked
@@ -81,6 +83,8 @@ def is_needed(choice: Choice, checked: Sequence[Checked], *, is_structure: bool)
     if is_structure:  # mesh error biases the parameters, so implausible values prove little
         no_gap, least = no_gap or not _shows("before", errors, is_structure=True), VERDICT.better_of_mesh
         before, after = (float(np.sqrt(max(e**2 - errors["noise"] ** 2, 0.0))) for e in (before, after))
+    elif choice.is_prior_driven:  # fits cannot tell residuals within the model error of their weights
+        before = float(np.hypot(before, PROBLEM.model_error))
     return choice.gained > 0 and (choice.is_prior_driven or no_gap) and after <= least * before
 
 
@@ -125,9 +129,11 @@ def residual_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure:
 def is_incoherent(checked: Sequence[Checked]) -> bool:
     """Return whether the residual is incoherent noise.
 
-    Incoherent noise of any colour depends on neither inputs nor motion.
+    Incoherent noise of any colour depends on neither inputs nor motion. No model predicts noise, so the error of the extended
+    model bounds the noise from above: short recordings show the coherence of a residual poorly.
     """
-    return total(checked, "before") <= VERDICT.above_noise * total(checked, "incoherent")
+    noise = min(total(checked, "incoherent"), total(checked, "after"))
+    return total(checked, "before") <= VERDICT.above_noise * noise
 
 
 def coloured_noise_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
@@ -225,7 +231,8 @@ def family_share(choice: Choice, families: Collection[str]) -> float:
 def is_partial_explanation(attempt: Attempt, choice: Choice) -> bool:
     """Return whether an attempt is a partial explanation.
 
-    Its effects generalise, and their families have more than half of the posterior of all fitted effects.
+    Its effects generalise, and their families have more than half of the posterior of all fitted effects. Its uncertain
+    parameters must be plausible: an effect beside a refuted model stands for another error of the model.
 
     Parameters
     ----------
@@ -241,7 +248,27 @@ def is_partial_explanation(attempt: Attempt, choice: Choice) -> bool:
     """
     families = {finding.family for finding in attempt.findings}
     is_held_out = all(c.role == "holdout" for c in attempt.checked)
-    return is_held_out and explains_part(attempt.checked) and family_share(choice, families) > 0.5
+    is_told = explains_part(attempt.checked) and has_plausible_parameters(attempt.fit)
+    return is_held_out and is_told and family_share(choice, families) > 0.5
+
+
+def has_plausible_parameters(fit: Fit) -> bool:
+    """Return whether a fit's uncertain parameters agree with what the case states.
+
+    The squared deviations over their prior variances are chi-squared if the statement is right. Directions that the
+    recordings do not identify stay at their means, so the test is conservative.
+
+    Parameters
+    ----------
+    fit : Fit
+        Fit.
+
+    Returns
+    -------
+    bool
+        Whether the test accepts the parameters at the false-alarm rate of the verdict.
+    """
+    return bool(fit.chi2 - fit.cost <= stats.chi2.ppf(1.0 - VERDICT.false_alarm_rate, max(fit.theta.size, 1)))
 
 
 def decide_verdict(

@@ -201,7 +201,7 @@ class TrajectoryScoreTest(ScoreTest):
         ]
 
         def column(parameter: Uncertain) -> Array:
-            if not parameter.fields:
+            if not (parameter.fields or parameter.shifted):
                 return np.zeros((*self.stack.e.shape[:2], self.reduced_model.m))
             pair = changed_models(plant.model, parameter)
             return pad_and_stack([forces_of_change(pair, m, self._stride()) for m in middles])

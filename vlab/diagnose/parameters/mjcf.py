@@ -10,7 +10,7 @@ import numpy as np
 from scipy import linalg
 
 from vlab.diagnose.parameters.reduced_model import Change, Part
-from vlab.diagnose.settings import MJCF_PRIORS
+from vlab.diagnose.settings import MJCF_PRIORS, REDUCED_MODEL
 from vlab.plants.base import Plant
 from vlab.plants.equilibrium import settle
 from vlab.plants.mjcf import MjcfPlant
@@ -73,6 +73,8 @@ class Uncertain:
         Prior standard deviation of the log factor, or of the relative decrease of a value that may vanish.
     fields : tuple
         Multiplied values of the model.
+    shifted : tuple of (Number, float)
+        Values of the model that are moved instead, and by how much per unit of the parameter.
     actuator, sensor : int or None
         Actuator or channel whose gain is multiplied.
     """
@@ -81,6 +83,7 @@ class Uncertain:
     kind: str
     sd: float
     fields: tuple[Number, ...] = ()
+    shifted: tuple[tuple[Number, float], ...] = ()
     actuator: int | None = None
     sensor: int | None = None
 
@@ -88,6 +91,25 @@ class Uncertain:
     def may_vanish(self) -> bool:
         """Whether the value may be zero, with a normal prior of its relative decrease."""
         return self.kind in VANISHING
+
+    def apply(self, model: Any, value: float) -> None:
+        """Change the model's values in place.
+
+        Parameters
+        ----------
+        model : Any
+            Compiled model.
+        value : float
+            Log factor, or shift of a parameter that moves values.
+        """
+        for name, index in self.fields:
+            getattr(model, name)[index] *= float(np.exp(value))
+        for (name, index), size in self.shifted:
+            getattr(model, name)[index] += size * value
+
+    def change(self, difference: Array) -> Array:
+        """Return the relative change of the values, or the shift, for differences of the parameter."""
+        return difference if self.shifted else np.expm1(np.clip(difference, -REDUCED_MODEL.most, REDUCED_MODEL.most))
 
 
 def uncertain_parameters(
@@ -211,13 +233,14 @@ def redundant(parameters: Sequence[Uncertain]) -> Array:
     (k, n_parameters) array
         Directions in standard deviations.
     """
-    if any(p.actuator is None and p.sensor is None and not p.fields for p in parameters):
+    if any(p.actuator is None and p.sensor is None and not (p.fields or p.shifted) for p in parameters):
         return np.zeros((0, len(parameters)))  # parameters of a structure multiply disjoint values
     numbers = sorted({number for p in parameters for number in p.fields}, key=str)
     actuators = sorted({p.actuator for p in parameters if p.actuator is not None})
     spread = _spread(parameters, numbers, actuators)
     sensors = [[float(p.sensor == i) for p in parameters] for i in {p.sensor for p in parameters} - {None}]
-    return np.asarray(linalg.null_space(np.vstack([spread, *sensors])).T)
+    moved = [row for row, p in zip(np.eye(len(parameters)), parameters, strict=True) if p.shifted]
+    return np.asarray(linalg.null_space(np.vstack([spread, *sensors, *moved])).T)
 
 
 def _spread(parameters: Sequence[Uncertain], numbers: Sequence[Number], actuators: Sequence[int]) -> Array:
@@ -405,12 +428,10 @@ def adjusted(plant: Plant, parameters: Sequence[Uncertain], theta: Array) -> Pla
     """
     model = copy.copy(plant.model)
     for parameter, value in zip(parameters, theta, strict=True):
-        factor = float(np.exp(value))
-        for name, index in parameter.fields:
-            getattr(model, name)[index] *= factor
+        parameter.apply(model, float(value))
         if parameter.actuator is not None:
             for control in plant.actuators[parameter.actuator].controls:
-                model.actuator_gainprm[control] *= factor
+                model.actuator_gainprm[control] *= float(np.exp(value))
     return with_model(plant, model)
 
 
@@ -434,6 +455,28 @@ def with_model(plant: Plant, model: Any) -> Plant:
         rest, notes = settle(model)
         return replace(plant, model=model, rest=rest, notes=tuple(notes))
     return replace(plant, model=model)
+
+
+def relative_changes(parameters: Sequence[Uncertain], differences: Array) -> Array:
+    """Return the relative changes of the plant's values, for its linearisation.
+
+    Parameters
+    ----------
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+    differences : (..., n_parameters) array
+        Differences to the parameters of the linearisation.
+
+    Returns
+    -------
+    (..., n_parameters) array
+        Relative changes, or shifts; zero for the gains of channels, which are no part of the plant.
+    """
+    out = np.zeros_like(differences)
+    for i, parameter in enumerate(parameters):
+        if parameter.sensor is None:
+            out[..., i] = parameter.change(differences[..., i])
+    return out
 
 
 def derivative(make: Callable[[float], tuple[Array, Array, Array]], step: float = 1e-3) -> tuple[Array, Array, Array]:

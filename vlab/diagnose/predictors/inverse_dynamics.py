@@ -35,8 +35,7 @@ def changed_models(model: Any, parameter: Uncertain) -> list[Any]:
 
 def _changed(whole: Any, parameter: Uncertain, value: float) -> Any:
     model = copy.copy(whole)
-    for name, index in parameter.fields:
-        getattr(model, name)[index] *= np.exp(value)
+    parameter.apply(model, value)
     mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from vlab.diagnose.data.band import uniform
 from vlab.diagnose.data.mains_interference import MainsInterference, find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.runs import Signals, thinning
 from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.diagnose.parameters.centre_of_mass import centres_of_mass
 from vlab.diagnose.parameters.locations import places_of
 from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, of_kind, uncertain_parameters
 from vlab.diagnose.parameters.observation import ChannelRows, actuator_forces
@@ -60,7 +62,7 @@ class Trajectories:
 def trajectory_parameters(
     plant: Plant, given: Mapping[str, float], channels: Sequence[str], driven: Sequence[int]
 ) -> list[Uncertain]:
-    """Return the uncertain parameters, with moments of inertia and lengths.
+    """Return the uncertain parameters, with moments of inertia, stated centres of mass, and lengths.
 
     Parameters
     ----------
@@ -80,24 +82,22 @@ def trajectory_parameters(
     """
     out = uncertain_parameters(plant, given, channels, driven)
     model = plant.model
-    bodies = [i for i in range(1, model.nbody) if model.body_mass[i] > 0 and model.body_weldid[i] != 0]
+    numbers = [i for i in range(1, model.nbody) if model.body_mass[i] > 0 and model.body_weldid[i] != 0]
+    bodies = {f"body:{model.body(i).name or f'body{i}'}": i for i in numbers}
     for kind in ("inertia", "length"):
-        each = {}
-        for i in bodies:
-            name = f"body:{model.body(i).name or f'body{i}'}"
-            each[name] = (("body_inertia", i),) if kind == "inertia" else _lengths(model, i)
+        each = {name: (("body_inertia", i),) if kind == "inertia" else _lengths(model, i) for name, i in bodies.items()}
         out += of_kind(kind, each, given.get(kind, TRAJECTORY_PRIORS.geometry_sd[kind]), given, kind)
-    return out
+    return out + centres_of_mass(model, bodies, given)
 
 
-def _lengths(model: object, body: int) -> tuple[tuple[str, int], ...]:
+def _lengths(model: Any, body: int) -> tuple[tuple[str, int], ...]:
     """Return the values that scale with a body's length.
 
     These are its centre of mass, its sites, and the positions of attached bodies.
     """
     out = [("body_ipos", body)]
-    out += [("site_pos", i) for i in range(model.nsite) if model.site_bodyid[i] == body]  # type: ignore[attr-defined]
-    out += [("body_pos", i) for i in range(1, model.nbody) if model.body_parentid[i] == body]  # type: ignore[attr-defined]
+    out += [("site_pos", i) for i in range(model.nsite) if model.site_bodyid[i] == body]
+    out += [("body_pos", i) for i in range(1, model.nbody) if model.body_parentid[i] == body]
     return tuple(out)
 
 

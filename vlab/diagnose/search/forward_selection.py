@@ -4,13 +4,18 @@ A machine has friction in every joint, and Coulomb friction, drag and viscous da
 each from a profile screening beside the effects that are there, and all are fitted together. The selection ends when the
 approximate log evidence no longer grows.
 
+One effect alone explains little where every joint rubs, and the uncertain parameters absorb the rest. A law in all joints
+at once is therefore a start of its own.
+
 References
 ----------
 A. Miller, Subset Selection in Regression, 2nd ed., Chapman and Hall, 2002, section 3.2.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.hypothesis_fits import by_score, fitted, scored_by, terms_of, with_whole_runs
@@ -21,7 +26,7 @@ from vlab.diagnose.parameters.terms import Candidate, Fit, Term
 from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
 from vlab.diagnose.search.profile_screening import profile
 from vlab.diagnose.search.shortlist import plain_form
-from vlab.diagnose.settings import FIT, FORWARD_SELECTION, HYPOTHESIS_FITS, SHORTLIST
+from vlab.diagnose.settings import EVIDENCE, FIT, FORWARD_SELECTION, HYPOTHESIS_FITS, MJCF_PRIORS, SHORTLIST
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,7 +70,10 @@ class ForwardSelection:
             All hypotheses; of each set of effects the one of best score.
         """
         out = list(hypotheses)
-        level = [self.before]
+        if self._goes_on([*out, self.before]) and not any(is_one_law(h) for h in out):
+            out += in_all_joints(self.candidates, self._fitted, self.before.long_fit)
+        best = by_score([*out, self.before])[0]
+        level = [best if is_one_law(best) else self.before]
         while self._goes_on([*out, self.before]) and len(level[0].terms) < FORWARD_SELECTION.most_effects:
             further = by_score(*(self._beside(seed) for seed in self._seeds(level)))
             count = len(level[0].terms) + 1
@@ -131,6 +139,76 @@ def best_of_labels(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     for h in by_score(hypotheses):
         best.setdefault(frozenset(t.label for t in h.terms), h)
     return list(best.values())
+
+
+def in_all_joints(
+    candidates: Sequence[Candidate], fit: Callable[[Sequence[Term], Fit], Hypothesis], start: Fit
+) -> list[Hypothesis]:
+    """Return fits of laws in all joints at once.
+
+    Joints where a law does nothing are left out.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        Screening of every effect at every location.
+    fit : callable
+        Returns terms fitted from another fit.
+    start : Fit
+        Fit of the calibrated model.
+
+    Returns
+    -------
+    list of Hypothesis
+        One per law.
+    """
+
+    def acting(law: Sequence[Candidate]) -> Hypothesis:
+        found = fit(terms_of(law), start)
+        idle = set(found.long_fit.unidentified)
+        terms = [term for term in found.long_fit.terms if term.label not in idle]
+        return fit(terms, found.long_fit) if idle and terms else found
+
+    return side_by_side(acting, laws_in_all_joints(candidates))
+
+
+def is_one_law(hypothesis: Hypothesis) -> bool:
+    """Return whether a hypothesis is one law at several locations."""
+    return len(hypothesis.terms) > 1 and len({term.effect.name for term in hypothesis.terms}) == 1
+
+
+def laws_in_all_joints(candidates: Sequence[Candidate]) -> list[list[Candidate]]:
+    """Return the law of the largest gain over all joints.
+
+    Its other forms that gain as much are included. Every parameter costs what it costs in the evidence.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        Screening of every effect at every location.
+
+    Returns
+    -------
+    list of list of Candidate
+        One candidate for each joint. Models of one joint have none, nor do models of more than `most_elements`, which are
+        chains of links.
+    """
+    laws: dict[str, dict[str, Candidate]] = {}
+    for c in sorted(candidates, key=lambda c: -c.log_likelihood_gain):
+        if c.effect.kind == "port" and c.place.name.startswith("joint:"):
+            laws.setdefault(c.effect.name, {}).setdefault(c.place.name, c)
+    found = [list(joints.values()) for joints in laws.values() if 1 < len(joints) <= MJCF_PRIORS.most_elements]
+    if not found:
+        return []
+    best = max(found, key=_gain_of_law)
+    family, gain = best[0].effect.family, sum(c.log_likelihood_gain for c in best)
+    forms = [law for law in found if law[0].effect.family == family]
+    return [law for law in forms if sum(c.log_likelihood_gain for c in law) >= gain]
+
+
+def _gain_of_law(law: Sequence[Candidate]) -> float:
+    parameter = 0.5 * float(np.log(EVIDENCE.model_error_samples))
+    return sum(c.log_likelihood_gain - parameter * len(c.effect.parameters) for c in law)
 
 
 def further_effects(best: Hypothesis, table: Sequence[Candidate]) -> list[Candidate]:

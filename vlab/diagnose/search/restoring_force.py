@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest, forces_on_trajectory
+from vlab.diagnose.parameters.mjcf import relative_changes
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.predictors.trajectory import pad_and_stack
 from vlab.physics.effect import LinearPortEffect, PortEffect
@@ -43,8 +44,7 @@ def estimate_restoring_force(
     dead = ~(s.alive[1:] & s.alive[:-1])
     gram[dead] = np.eye(gram.shape[-1])
     asked = np.linalg.solve(gram, asked[..., None])[..., 0]
-    own = np.expm1(np.clip(fit.theta - screen.theta, -3.0, 3.0))
-    own[[c.sensor is not None for c in screen.reduced_model.changes]] = 0.0
+    own = relative_changes(screen.problem.parameters, fit.theta - screen.theta)
     asked = asked - screen.changes[:-1] @ own
     for other in fit.terms:
         if other is not term and other.effect.kind == "port":

@@ -7,6 +7,7 @@ from vlab.diagnose.inference.hypothesis_fits import (
     by_score,
     each_fitted,
     finished,
+    fitted,
     floor_of,
     on_whole_runs,
     other_places,
@@ -18,7 +19,7 @@ from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSqua
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.terms import Candidate
 from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
-from vlab.diagnose.search.forward_selection import ForwardSelection
+from vlab.diagnose.search.forward_selection import ForwardSelection, in_all_joints
 from vlab.diagnose.search.selection import TimeFound, shows
 from vlab.diagnose.search.shortlist import best_of_effects, completing, shortlisted
 from vlab.diagnose.settings import HYPOTHESIS_FITS, SCORE_TEST, SECOND_EFFECT, SELECTION, SHORTLIST
@@ -65,10 +66,14 @@ def search_moving(
         shortlist += [c for c in slow if c.label not in known]
     screen.forget()
     report(0.5, "fitting single effects")
-    hypotheses = finished(narrow, each_fitted(narrow, shortlist, before.fit))
-    if hypotheses and min(h.normalised_residual for h in hypotheses) > HYPOTHESIS_FITS.enough and not deadline.is_past:
+    hypotheses = singles = finished(narrow, each_fitted(narrow, shortlist, before.fit))
+    if _leave_much(hypotheses) and not deadline.is_past:
+        report(0.6, "fitting laws in all joints")
+        everywhere = in_all_joints(candidates, lambda terms, start: fitted(narrow, terms, start), before.fit)
+        hypotheses = by_score(hypotheses, finished(narrow, everywhere))
+    if _leave_much(hypotheses) and not deadline.is_past:
         report(0.65, "fitting pairs of effects")
-        doubles = finished(narrow, _pairs(screen, narrow, shortlist, candidates, hypotheses, effects))
+        doubles = finished(narrow, _pairs(screen, narrow, shortlist, candidates, singles, effects))
         hypotheses = by_score(hypotheses, doubles)
     report(0.85, "fitting whole recordings")
     if hypotheses:  # again about the best hypothesis' calibrated plant, where the uncertain parameters change little
@@ -77,7 +82,7 @@ def search_moving(
         hypotheses = finished(narrow, hypotheses)
         before = scored_by(narrow, narrow.fit((), before.fit))
     (before,) = on_whole_runs(whole, narrow, [before])
-    of_count = [[h for h in hypotheses if len(h.terms) == n] for n in (1, 2)]
+    of_count = [[h for h in hypotheses if len(h.terms) == n] for n in {len(h.terms) for h in hypotheses}]
     hypotheses = by_score(*(on_whole_runs(whole, narrow, some) for some in of_count))
     report(0.9, "adding effects")
     enough = SELECTION.explains * floor_of(whole)
@@ -96,6 +101,11 @@ def search_moving(
         places=places,
         candidates=tuple(candidates),
     )
+
+
+def _leave_much(hypotheses: Sequence[Hypothesis]) -> bool:
+    """Return whether every hypothesis leaves more than noise and allowed model error."""
+    return bool(hypotheses) and min(h.normalised_residual for h in hypotheses) > HYPOTHESIS_FITS.enough
 
 
 def _pairs(

@@ -66,6 +66,8 @@ class Distance:
         Length of the parts that are predicted one by one [s]; infinite for data predicted as a whole.
     log_ratios : (n_blocks,) array
         Log ratio of the mean-square errors of the model of `start` and the extended model, by block of the data.
+    is_refuted : bool
+        Whether the calibrated model has implausible parameters; the nominal model then remains.
     """
 
     name: str
@@ -81,6 +83,7 @@ class Distance:
     parts: tuple[Part, ...] = ()
     horizon_s: float = float("inf")
     log_ratios: Array = field(default_factory=lambda: np.zeros(0))
+    is_refuted: bool = False
 
     @property
     def is_spoilt(self) -> bool:
@@ -89,8 +92,8 @@ class Distance:
 
     @property
     def stands(self) -> str:
-        """Name of the better model: ``"nominal"`` or ``"calibrated"``."""
-        return "nominal" if self.is_spoilt else "calibrated"
+        """Name of the model that remains: ``"nominal"`` or ``"calibrated"``."""
+        return "nominal" if self.is_spoilt or self.is_refuted else "calibrated"
 
     @property
     def start(self) -> float:

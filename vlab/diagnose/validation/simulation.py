@@ -186,16 +186,23 @@ class Checked(Distance):
 
     @property
     def standing(self) -> Recording | None:
-        """Simulation of the better of nominal and calibrated model.
+        """Simulation of the nominal or calibrated model that remains.
 
         Its error is `before`.
         """
-        return self.simulated[0] if self.is_spoilt else self.simulated[1]
+        return self.simulated[0] if self.stands == "nominal" else self.simulated[1]
 
     @property
     def extended(self) -> Recording | None:
         """Simulation of the extended model, where available."""
         return None if self.simulated[2] is self.standing else self.simulated[2]
+
+    def against_nominal(self) -> "Checked":
+        """Return the errors with the nominal model in place of a refuted calibrated one."""
+        channels = {
+            name: (nominal, nominal, after, noise) for name, (nominal, _, after, noise) in self.channels.items()
+        }
+        return replace(self, before=self.nominal, channels=channels, is_refuted=True)
 
     def without_findings(self) -> "Checked":
         """Return the errors without any finding."""

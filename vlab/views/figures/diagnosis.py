@@ -288,6 +288,14 @@ def ranking_figure(
     return figure
 
 
+def _change(name: str, value: float, sd: float) -> str:
+    if name.startswith("place:"):
+        return f"{1e3 * value:+.3g} mm  (± {1e3 * sd:.3g} mm)"
+    if ":centre-of-mass:" in name:
+        return f"{100 * value:+.3g} % of the radius of gyration  (± {100 * sd:.3g} %)"
+    return f"× {np.exp(value):.4g}  (± {100 * sd:.3g} %)"
+
+
 @styled
 def calibration_figure(rows: Sequence[tuple[str, float, float]]) -> Figure:
     """Draw calibrated parameters over one and three prior standard deviations.
@@ -295,19 +303,14 @@ def calibration_figure(rows: Sequence[tuple[str, float, float]]) -> Figure:
     Parameters
     ----------
     rows : sequence of (name, log-factor, prior standard deviation)
-        Parameters; for ``place:NAME`` the distance [m] instead of the factor.
+        Parameters; for ``place:NAME`` the distance [m] instead of the factor, for a centre of mass the shift.
 
     Returns
     -------
     Figure
         Figure with one row per parameter.
     """
-    texts = [
-        f"{1e3 * value:+.3g} mm  (± {1e3 * sd:.3g} mm)"
-        if name.startswith("place:")
-        else f"× {np.exp(value):.4g}  (± {100 * sd:.3g} %)"
-        for name, value, sd in rows
-    ]
+    texts = [_change(*row) for row in rows]
     figure = Figure(figsize=(7.2, 1.0 + 0.24 * len(rows)), layout="constrained")
     axes = figure.subplots()
     moved = np.array([value / sd for _, value, sd in rows])

@@ -399,8 +399,8 @@ def _mismatch(done: Diagnosed) -> Section:
         text.append(f"Other frequencies, not shown: {', '.join(sorted(others))}.")
     low, high = max(m.band_edges_hz[0] for _, _, m in found), min(m.band_edges_hz[-1] for _, _, m in found)
     edges = np.geomspace(low, high, BANDS + 1).tolist()
-    is_spoilt = any(c.is_spoilt for c in done.diagnosis.checked)
-    what = "the nominal or calibrated model" if is_spoilt else "the calibrated model"
+    is_nominal = any(c.stands == "nominal" for c in done.diagnosis.checked)
+    what = "the nominal or calibrated model" if is_nominal else "the calibrated model"
     parts = [
         (r, n, misfit(r.measured, r.standing, n, band_edges_hz=edges)) for r, n, _ in found if r.standing is not None
     ]

@@ -19,7 +19,7 @@ def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
     """
     diagnosis = done.diagnosis
     errors = diagnosis.heldout
-    spoilt_note = any(c.is_spoilt for c in diagnosis.checked)
+    is_nominal = any(c.stands == "nominal" for c in diagnosis.checked)
     where = (
         "recordings that were never used in the search" if diagnosis.is_held_out else "the recordings it was fitted to"
     )
@@ -36,14 +36,14 @@ def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
                 f"mean-square mismatch on {where}."
             )
         gap = errors["gap_closed"]
-        own = "the nominal or calibrated model" if spoilt_note else "the calibrated model"
+        own = "the nominal or calibrated model" if is_nominal else "the calibrated model"
         if gap is None:
             return f"The model leaves out {names}."
         closed = f"closes {100 * gap:.0f} % of the gap between {own} and the noise on {where}"
         return f"The model leaves out {names}; the extended model {closed}."
     if diagnosis.verdict == "nothing-missing":
         left = _ratio(errors["nrmse_before"], errors["nrmse_noise"])
-        how = "nominal or calibrated" if spoilt_note else "calibrated"
+        how = "nominal or calibrated" if is_nominal else "calibrated"
         return f"Nothing is missing: the residual of the {how} model is {left} on {where}."
     if diagnosis.attempt is not None and diagnosis.attempt.is_of_the_fit_alone:
         left = _ratio(errors["nrmse_before"], errors["nrmse_noise"])
@@ -53,7 +53,7 @@ def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
         )
     if diagnosis.verdict == "none-of-these":
         left = _ratio(errors["nrmse_before"], errors["nrmse_noise"])
-        how = "nominal or calibrated" if spoilt_note else "calibrated"
+        how = "nominal or calibrated" if is_nominal else "calibrated"
         return f"The residual of the {how} model is {left} on {where}; no effect of the catalogue explains it."
     return "The recordings are damaged, so the model was not judged."
 
