@@ -145,8 +145,6 @@ def _evaluate_slowly(code: int, a: int, b: int, out: int, registers: Array) -> N
 
 in_any_order = compiled(error_model="numpy", fastmath={"reassoc", "contract"})
 """Decorator for loops whose sums may be reordered and vectorised."""
-part_of_loop = compiled(error_model="numpy", fastmath={"reassoc", "contract"}, inline="always")
-"""Decorator for a named part of such a loop, compiled as if it stood there."""
 
 
 @in_any_order

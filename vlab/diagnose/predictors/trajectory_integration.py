@@ -15,7 +15,6 @@ from vlab.diagnose.kernels.expression_graph import (
     evaluate,
     in_any_order,
     loaded,
-    part_of_loop,
 )
 from vlab.diagnose.predictors.trajectory_laws import Law
 from vlab.diagnose.settings import TRAJECTORY_INTEGRATION
@@ -145,25 +144,15 @@ def integrate_trajectory(
     return states
 
 
-System = tuple[Array, Array, Array]
-"""State matrices, effect of the inputs, and defect, as of `integrate_trajectory`."""
-Paths = tuple[Array, Array, Array, Array]
-"""Rows, coordinates, rates and gravity of every law's port at the ends of all steps."""
-Acting = tuple[Array, Array, Array, Array]
-"""Effects of a unit force of every law: on the state, as generalised force, mobility and displacement at its port."""
-Clock = tuple[Array, Array, Array]
-"""Steps, times and commands of every law."""
-
-
 @in_any_order
 def _integrate(
-    system: System,
+    system: tuple[Array, Array, Array],
     steps: int,
-    paths: Paths,
-    acting: Acting,
+    paths: tuple[Array, Array, Array, Array],
+    acting: tuple[Array, Array, Array, Array],
     impedance: Array,
     kinds: Array,
-    clock: Clock,
+    clock: tuple[Array, Array, Array],
     graphs: ExpressionGraphs,
     results: Array,
     registers: Array,
@@ -171,208 +160,108 @@ def _integrate(
     states: Array,
     forces: Array,
 ) -> None:  # pragma: no cover - compiled
-    """Integrate deviations, in place."""
-    n, n_sets, n_windows, _ = system[1].shape
-    bounds, lines = graphs[1], paths[0].shape[2]
-    free, force = np.empty_like(x), np.zeros((n_sets, n_windows, lines))
-    ends = np.zeros((4, n_sets, n_windows, lines))
-    for k in range(n):
-        states[k] = x
-        for j in range(steps):
-            _step_freely(system, k, x, free)
-            for law in range(len(kinds)):
-                count, graph, twice = kinds[law]
-                _see_port(paths, law, count, j, k, x, free, ends)
-                if graph >= 0:
-                    own = registers[bounds[graph, 0] : bounds[graph + 1, 0]]
-                    _load_motion(ends, clock, acting, law, j, k, own)
-                    _evaluate_law(graphs, graph, results[graph], twice, acting, clock, law, k, own, force)
-                else:
-                    _solve_impedance(ends, clock, acting, paths, impedance, law, count, k, force)
-                _push(acting, law, count, k, force, free)
-                if j == 0 and forces.shape[0] > 0:
-                    _add_forces(acting, law, count, force, forces, k)
-            x[:] = free
-        _correct(system, k, x)
-
-
-@part_of_loop
-def _step_freely(system: System, k: int, x: Array, free: Array) -> None:  # pragma: no cover - compiled
-    """Step deviations without laws."""
-    A, drive, _ = system
-    n_sets, n_windows, size = x.shape
-    for s in range(n_sets):
-        for w in range(n_windows):
-            for a in range(size):
-                total = drive[k, s, w, a]
-                for b in range(size):
-                    total += A[k, w, a, b] * x[s, w, b]
-                free[s, w, a] = total
-
-
-@part_of_loop
-def _see_port(
-    paths: Paths, law: int, count: int, j: int, k: int, x: Array, free: Array, ends: Array
-) -> None:  # pragma: no cover - compiled
-    """Set displacements and rates of a port at both ends of a step: z0, z1, v0, v1."""
-    rows, at_z, at_v, _ = paths
-    n_sets, n_windows, size = x.shape
-    m = size // 2
-    for s in range(n_sets):
-        for w in range(n_windows):
-            for i in range(count):
-                z0, z1 = at_z[law, j, i, k, w], at_z[law, j + 1, i, k, w]
-                v0, v1 = at_v[law, j, i, k, w], at_v[law, j + 1, i, k, w]
-                for a in range(m):
-                    before, after = rows[law, j, i, k, w, a], rows[law, j + 1, i, k, w, a]
-                    z0 += x[s, w, a] * before
-                    v0 += x[s, w, m + a] * before
-                    z1 += free[s, w, a] * after
-                    v1 += free[s, w, m + a] * after
-                ends[0, s, w, i], ends[1, s, w, i], ends[2, s, w, i], ends[3, s, w, i] = z0, z1, v0, v1
-
-
-@part_of_loop
-def _load_motion(
-    ends: Array, clock: Clock, acting: Acting, law: int, j: int, k: int, own: Array
-) -> None:  # pragma: no cover - compiled
-    """Set the signals of a law: means over the step, with trapezoidal end correction."""
+    A, drive, defect = system
+    rows, at_z, at_v, weight = paths
+    into, middle, gain, reach = acting
     lengths, times, commands = clock
-    _, n_sets, n_windows, _ = ends.shape
-    for s in range(n_sets):
-        for w in range(n_windows):
-            h, e = lengths[law, k, w], s * n_windows + w
-            z0, z1, v0, v1 = ends[0, s, w, 0], ends[1, s, w, 0], ends[2, s, w, 0], ends[3, s, w, 0]
-            own[AT_Z, e] = 0.5 * (z0 + z1) - h * (v1 - v0) / 12.0
-            own[AT_V, e] = 0.5 * (v0 + v1)
-            own[AT_T, e] = times[law, k, w] + (j + 0.5) * h
-            own[AT_FREE, e], own[AT_COMMAND, e] = v1, commands[law, k, w]
-            own[AT_MOBILITY, e] = acting[2][law, k, w, 0, 0]
-
-
-@part_of_loop
-def _evaluate_law(
-    graphs: ExpressionGraphs,
-    graph: int,
-    result: int,
-    twice: int,
-    acting: Acting,
-    clock: Clock,
-    law: int,
-    k: int,
-    own: Array,
-    force: Array,
-) -> None:  # pragma: no cover - compiled
-    """Set the force of a law from its signals, and move its memory on."""
     operations, bounds, firsts, stored, recalled = graphs
-    gain, reach, lengths = acting[2], acting[3], clock[0]
-    n_sets, n_windows, _ = force.shape
-    evaluated = operations[bounds[graph, 1] : bounds[graph + 1, 1]]
-    if twice:  # second evaluation, since stiff stops change their own motion
-        evaluate(evaluated, firsts[graph], own)
+    n, n_sets, n_windows, size = drive.shape
+    m, n_laws, lines = size // 2, len(kinds), rows.shape[2]
+    free, force = np.empty_like(x), np.zeros((n_sets, n_windows, lines))
+    z0, z1, v0, v1 = np.zeros(lines), np.zeros(lines), np.zeros(lines), np.zeros(lines)
+    matrix = np.zeros((lines, lines))
+    for k in range(n):
         for s in range(n_sets):
             for w in range(n_windows):
-                e, own_gain = s * n_windows + w, gain[law, k, w, 0, 0]
-                first = own[result, e]
-                own[AT_Z, e] += first * (0.5 * reach[law, k, w] - lengths[law, k, w] * own_gain / 12.0)
-                own[AT_V, e] += 0.5 * own_gain * first
-    evaluate(evaluated, firsts[graph], own)
-    for i in range(bounds[graph, 2], bounds[graph + 1, 2]):
-        for e in range(own.shape[1]):
-            own[recalled[i], e] = own[stored[i], e]
-    for s in range(n_sets):
-        for w in range(n_windows):
-            force[s, w, 0] = own[result, s * n_windows + w]
-
-
-@part_of_loop
-def _solve_impedance(
-    ends: Array,
-    clock: Clock,
-    acting: Acting,
-    paths: Paths,
-    impedance: Array,
-    law: int,
-    count: int,
-    k: int,
-    force: Array,
-) -> None:  # pragma: no cover - compiled
-    """Set the force of a linear law, with its effect on its own motion."""
-    gain, reach, weight = acting[2], acting[3], paths[3]
-    n_sets, n_windows, lines = force.shape
-    matrix = np.zeros((lines, lines))
-    for s in range(n_sets):
-        mass, damping, stiffness = impedance[law, 0, s], impedance[law, 1, s], impedance[law, 2, s]
-        for w in range(n_windows):
-            h = clock[0][law, k, w]
-            bend = h / 12.0 if count == 1 else 0.0
-            for i in range(count):
-                z0, z1, v0, v1 = ends[0, s, w, i], ends[1, s, w, i], ends[2, s, w, i], ends[3, s, w, i]
-                force[s, w, i] = (
-                    -mass * ((v1 - v0) / h - weight[law, i])
-                    - 0.5 * damping * (v0 + v1)
-                    - stiffness * (0.5 * (z0 + z1) - bend * (v1 - v0))
-                )
-                for a in range(count):
-                    matrix[i, a] = (mass / h + 0.5 * damping) * gain[law, k, w, i, a]
-                matrix[i, i] += 1.0
-            if count == 1:
-                matrix[0, 0] += stiffness * (0.5 * reach[law, k, w] - h * gain[law, k, w, 0, 0] / 12.0)
-            _eliminate(matrix, force[s, w], count)
-
-
-@part_of_loop
-def _eliminate(matrix: Array, force: Array, count: int) -> None:  # pragma: no cover - compiled
-    """Solve a system in place, without pivoting, since the matrix is near identity."""
-    for i in range(count):
-        for a in range(i + 1, count):
-            factor = matrix[a, i] / matrix[i, i]
-            for b in range(i, count):
-                matrix[a, b] -= factor * matrix[i, b]
-            force[a] -= factor * force[i]
-    for i in range(count - 1, -1, -1):
-        for b in range(i + 1, count):
-            force[i] -= matrix[i, b] * force[b]
-        force[i] /= matrix[i, i]
-
-
-@part_of_loop
-def _push(
-    acting: Acting, law: int, count: int, k: int, force: Array, free: Array
-) -> None:  # pragma: no cover - compiled
-    """Add the effect of a law's force to the deviations."""
-    into = acting[0]
-    n_sets, n_windows, size = free.shape
-    for s in range(n_sets):
-        for w in range(n_windows):
-            for i in range(count):
                 for a in range(size):
-                    free[s, w, a] += force[s, w, i] * into[law, i, k, w, a]
-
-
-@part_of_loop
-def _add_forces(
-    acting: Acting, law: int, count: int, force: Array, forces: Array, k: int
-) -> None:  # pragma: no cover - compiled
-    """Add a law's generalised force to those of the sample."""
-    middle = acting[1]
-    _, n_sets, n_windows, m = forces.shape
-    for s in range(n_sets):
-        for w in range(n_windows):
-            for i in range(count):
-                for a in range(m):
-                    forces[k, s, w, a] += force[s, w, i] * middle[law, i, k, w, a]
-
-
-@part_of_loop
-def _correct(system: System, k: int, x: Array) -> None:  # pragma: no cover - compiled
-    """Subtract the motion's defect from the deviations, and limit diverged ones."""
-    defect = system[2]
-    n_sets, n_windows, size = x.shape
-    for s in range(n_sets):
-        for w in range(n_windows):
-            for a in range(size):
-                x[s, w, a] -= defect[k, w, a]
-                if k % CHECK_EVERY == 0:
-                    now = x[s, w, a]
-                    x[s, w, a] = FAR if np.isnan(now) else min(max(now, -FAR), FAR)
+                    states[k, s, w, a] = x[s, w, a]
+        for j in range(steps):
+            for s in range(n_sets):
+                for w in range(n_windows):
+                    for a in range(size):
+                        total = drive[k, s, w, a]
+                        for b in range(size):
+                            total += A[k, w, a, b] * x[s, w, b]
+                        free[s, w, a] = total
+            for law in range(n_laws):
+                count, graph, twice = kinds[law]
+                own = registers[bounds[graph, 0] : bounds[graph + 1, 0]] if graph >= 0 else registers[:0]
+                for s in range(n_sets):
+                    for w in range(n_windows):
+                        h, e = lengths[law, k, w], s * n_windows + w
+                        for i in range(count):
+                            z0[i], z1[i] = at_z[law, j, i, k, w], at_z[law, j + 1, i, k, w]
+                            v0[i], v1[i] = at_v[law, j, i, k, w], at_v[law, j + 1, i, k, w]
+                            for a in range(m):
+                                before, after = rows[law, j, i, k, w, a], rows[law, j + 1, i, k, w, a]
+                                z0[i] += x[s, w, a] * before
+                                v0[i] += x[s, w, m + a] * before
+                                z1[i] += free[s, w, a] * after
+                                v1[i] += free[s, w, m + a] * after
+                        if graph >= 0:  # means over the step, with trapezoidal end correction
+                            own[AT_Z, e] = 0.5 * (z0[0] + z1[0]) - h * (v1[0] - v0[0]) / 12.0
+                            own[AT_V, e] = 0.5 * (v0[0] + v1[0])
+                            own[AT_T, e] = times[law, k, w] + (j + 0.5) * h
+                            own[AT_FREE, e], own[AT_COMMAND, e] = v1[0], commands[law, k, w]
+                            own[AT_MOBILITY, e] = gain[law, k, w, 0, 0]
+                            continue
+                        mass, damping, stiffness = impedance[law, 0, s], impedance[law, 1, s], impedance[law, 2, s]
+                        bend = h / 12.0 if count == 1 else 0.0
+                        for i in range(count):
+                            force[s, w, i] = (
+                                -mass * ((v1[i] - v0[i]) / h - weight[law, i])
+                                - 0.5 * damping * (v0[i] + v1[i])
+                                - stiffness * (0.5 * (z0[i] + z1[i]) - bend * (v1[i] - v0[i]))
+                            )
+                            for a in range(count):
+                                matrix[i, a] = (mass / h + 0.5 * damping) * gain[law, k, w, i, a]
+                            matrix[i, i] += 1.0
+                        if count == 1:
+                            matrix[0, 0] += stiffness * (0.5 * reach[law, k, w] - h * gain[law, k, w, 0, 0] / 12.0)
+                        for i in range(count):  # Gauss elimination without pivoting, since the matrix is near identity
+                            for a in range(i + 1, count):
+                                factor = matrix[a, i] / matrix[i, i]
+                                for b in range(i, count):
+                                    matrix[a, b] -= factor * matrix[i, b]
+                                force[s, w, a] -= factor * force[s, w, i]
+                        for i in range(count - 1, -1, -1):
+                            for b in range(i + 1, count):
+                                force[s, w, i] -= matrix[i, b] * force[s, w, b]
+                            force[s, w, i] /= matrix[i, i]
+                if graph >= 0:
+                    evaluated = operations[bounds[graph, 1] : bounds[graph + 1, 1]]
+                    if twice:  # second evaluation, since stiff stops change their own motion
+                        evaluate(evaluated, firsts[graph], own)
+                        for s in range(n_sets):
+                            for w in range(n_windows):
+                                e, own_gain = s * n_windows + w, gain[law, k, w, 0, 0]
+                                first = own[results[graph], e]
+                                own[AT_Z, e] += first * (0.5 * reach[law, k, w] - lengths[law, k, w] * own_gain / 12.0)
+                                own[AT_V, e] += 0.5 * own_gain * first
+                    evaluate(evaluated, firsts[graph], own)
+                    for i in range(bounds[graph, 2], bounds[graph + 1, 2]):
+                        for e in range(own.shape[1]):
+                            own[recalled[i], e] = own[stored[i], e]
+                    for s in range(n_sets):
+                        for w in range(n_windows):
+                            force[s, w, 0] = own[results[graph], s * n_windows + w]
+                for s in range(n_sets):
+                    for w in range(n_windows):
+                        for i in range(count):
+                            for a in range(size):
+                                free[s, w, a] += force[s, w, i] * into[law, i, k, w, a]
+                        if j == 0 and forces.shape[0] > 0:
+                            for i in range(count):
+                                for a in range(m):
+                                    forces[k, s, w, a] += force[s, w, i] * middle[law, i, k, w, a]
+            for s in range(n_sets):
+                for w in range(n_windows):
+                    for a in range(size):
+                        x[s, w, a] = free[s, w, a]
+        for s in range(n_sets):
+            for w in range(n_windows):
+                for a in range(size):
+                    x[s, w, a] -= defect[k, w, a]
+                    if k % CHECK_EVERY == 0:
+                        now = x[s, w, a]
+                        x[s, w, a] = FAR if np.isnan(now) else min(max(now, -FAR), FAR)
