@@ -30,6 +30,7 @@ from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.inference.sensor_offset import explained_sensor_offsets, find_sensor_offsets
 from vlab.diagnose.parameters.holdout import HoldOut, moves, read_holdout
 from vlab.diagnose.parameters.mesh_correction import with_modes_of_fe
+from vlab.diagnose.parameters.shared_numbers import with_whole_gains
 from vlab.diagnose.parameters.static_offset import StaticOffset, remove_static_offsets
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
@@ -282,7 +283,7 @@ class _Pass:
             is_linear=searched.model_class.is_linear,
         )
         confirmed = confirmation.confirm(found)
-        fit_before, fit = confirmed.before, confirmed.after
+        fit_before, fit = confirmed.before, with_whole_gains(confirmed.after, problem.parameters, problem.plant)
         known = [offset.channel for offset in searched.static_offsets]
         seen = replace(searched.seen, zeros=find_sensor_offsets(problem, fit, known))
         wrong_offsets = {*(zero.channel for zero in seen.zeros), *explained_sensor_offsets(problem, fit)}
