@@ -1,22 +1,35 @@
-"""Modal test of recordings, run folders or foreign files."""
+"""Modal test of recordings, run folders, foreign files or frequency responses."""
 
 from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 from vlab.errors import BadRecording
 from vlab.lab.run_folder import DoneRun, RunSettings, load_run
 from vlab.modal.dwell import DwellResult
 from vlab.modal.frf import Estimator
-from vlab.modal.modal_test import ModalTest, ModalTestResult, read_signals, run_dwell_test, run_modal_test
+from vlab.modal.modal_test import (
+    ModalTest,
+    ModalTestResult,
+    read_signals,
+    run_dwell_test,
+    run_modal_test,
+    run_response_test,
+)
 from vlab.recordings import open_table
 from vlab.recordings.assemble import ColumnSpec, on_even_stamps, to_recording
+from vlab.recordings.response_files import SideSpec, check_names, read_responses, response_labels
+from vlab.recordings.response_labels import frequency_column
 from vlab.recordings.table import Table
-from vlab.signals import KIND_UNITS, Recording
+from vlab.signals import KIND_UNITS, FrequencyResponse, Recording
 
 TIME_NAMES = ("time", "t", "time [s]", "time (s)", "t [s]", "t (s)", "time_s", "x_value", "timestamp")
 """TIME_NAMES: names of the time column in foreign recordings."""
-Source = Recording | DoneRun | Path | str
-"""A recording, a run, a run folder or a file."""
+Source = Recording | FrequencyResponse | DoneRun | Path | str
+"""A recording, frequency responses, a run, a run folder or a file."""
+Loaded = tuple[Recording | tuple[FrequencyResponse, ...], RunSettings | None]
+"""A recording or frequency responses, with the settings of a run folder."""
 
 
 def modal_test(
@@ -26,6 +39,7 @@ def modal_test(
     outputs: Sequence[str] = (),
     time: str | None = None,
     rate_hz: float | None = None,
+    frequency: str | None = None,
     band_hz: tuple[float, float] | None = None,
     modes: int | None = None,
     estimator: Estimator = "H1",
@@ -37,12 +51,13 @@ def modal_test(
 ) -> ModalTestResult | list[DwellResult]:
     """Estimate frequency responses, poles and mode shapes, with the defaults of ``vlab modal-test``.
 
-    Recordings of one input are averaged, of different inputs combined.
+    Recordings of one input are averaged, of different inputs combined. The same holds for measured frequency responses,
+    which take the place of recordings.
 
     Parameters
     ----------
-    runs : Recording, DoneRun, Path, str, or a sequence
-        Recordings, runs of `vlab.experiment`, run folders or files.
+    runs : Recording, FrequencyResponse, DoneRun, Path, str, or a sequence
+        Recordings, runs of `vlab.experiment`, run folders or files; or frequency responses or files with such.
     inputs, outputs : sequence of str
         Channels; by default the recording's inputs and sensors. Foreign files need them, as ``"NAME=KIND,UNIT"`` such as
         ``"acc1=acceleration,g"``.
@@ -50,6 +65,8 @@ def modal_test(
         Time column of a foreign file; the column named time or t by default.
     rate_hz : float, optional
         Sample rate of a foreign file without a time column [Hz].
+    frequency : str, optional
+        Frequency column of a file of frequency responses; the column named f or frequency by default.
     band_hz : (low, high), optional
         Band of the modes [Hz]; all lines by default.
     modes : int, optional
@@ -92,58 +109,125 @@ def modal_test(
         end_level=window_end,
     )
     sources: list[Source] = list(runs) if isinstance(runs, list | tuple) else [runs]  # type: ignore[list-item]
-    recordings = [_recording(one, inputs, outputs, time, rate_hz) for one in sources]
+    loaded = load_runs(sources, inputs=inputs, outputs=outputs, time=time, rate_hz=rate_hz, frequency=frequency)
+    recordings = [data for data, _ in loaded if isinstance(data, Recording)]
+    responses = [response for data, _ in loaded if not isinstance(data, Recording) for response in data]
+    if responses:
+        notes = dict.fromkeys(note for response in responses for note in getattr(response, "notes", ()))
+        return run_response_test(responses, test, notes=tuple(notes))
     if all(signal.kind == "dwell" for signal in read_signals(recordings, test)):
         return [run_dwell_test(recording, test) for recording in recordings]
     return run_modal_test(recordings, test)
 
 
-def _recording(
-    source: Source, inputs: Sequence[str], outputs: Sequence[str], time: str | None, rate_hz: float | None
-) -> Recording:
-    if isinstance(source, Recording):
-        return source
-    if isinstance(source, DoneRun):
-        return source.recording
-    return load_recording(source, inputs=inputs, outputs=outputs, time=time, rate_hz=rate_hz)[0]
-
-
-def load_recording(
-    path: Path | str,
+def load_runs(
+    sources: Sequence[Source],
     *,
     inputs: Sequence[str] = (),
     outputs: Sequence[str] = (),
     time: str | None = None,
     rate_hz: float | None = None,
-) -> tuple[Recording, RunSettings | None]:
-    """Load a run folder or a recording.
+    frequency: str | None = None,
+) -> list[Loaded]:
+    """Load recordings, or frequency responses in place of recordings.
 
     Parameters
     ----------
-    path : Path or str
-        Run folder or file.
+    sources : sequence
+        Objects, run folders or files, all with records in time or all with frequency responses.
     inputs, outputs : sequence of str
-        Channels of a foreign file, as ``"NAME=KIND,UNIT"``.
-    time : str, optional
-        Time column of a foreign file.
-    rate_hz : float, optional
-        Sample rate of a foreign file [Hz].
+        Channels of foreign files, as ``"NAME=KIND,UNIT"``.
+    time, rate_hz : optional
+        Time column, and sample rate of foreign files [Hz].
+    frequency : str, optional
+        Frequency column of files of frequency responses.
 
     Returns
     -------
-    tuple of (Recording, RunSettings or None)
-        Recording, and the settings of a run folder.
+    list
+        One recording or tuple of frequency responses a source, with the settings of a run folder.
 
     Raises
     ------
     BadRecording
-        The file is damaged, or its columns are not named.
+        Records in time and frequency responses are mixed, a file is damaged, or its columns are not named.
     """
-    if Path(path).is_dir():
-        return load_run(path)
-    table = open_table(path)
+    tables = [open_table(one) if isinstance(one, str | Path) and not Path(one).is_dir() else None for one in sources]
+    named = [_name(text) for text in (*inputs, *outputs)] if inputs and outputs else []
+    given = [
+        isinstance(one, FrequencyResponse) if table is None else _holds_responses(table, named, frequency)
+        for one, table in zip(sources, tables, strict=True)
+    ]
+    if any(given) and not all(given):
+        first, other = (_called(sources[given.index(side)]) for side in (False, True))
+        raise BadRecording(
+            f"{first} holds records in time and {other} frequency responses; test records and responses one by one"
+        )
+    if any(given):
+        for key, value in (("time", time), ("rate", rate_hz)):
+            if value is not None:
+                raise BadRecording(f"frequency responses have no {key}; leave out --{key}")
+    into, out = ([SideSpec(*_parts(text)) for text in texts] for texts in (inputs, outputs))
+    of_files = [table for table, is_given in zip(tables, given, strict=True) if is_given and table is not None]
+    labels = [label for table in of_files for label in response_labels(table, frequency=frequency)]
+    if labels and len(of_files) == len(sources):
+        check_names(labels, inputs=into, outputs=out, where=", ".join(map(_called, sources[:4])))
+    loaded: list[Loaded] = []
+    for one, table, is_given in zip(sources, tables, given, strict=True):
+        if isinstance(one, Recording):
+            loaded.append((one, None))
+        elif isinstance(one, FrequencyResponse):
+            loaded.append(((one,), None))
+        elif isinstance(one, DoneRun):
+            loaded.append((one.recording, None))
+        elif table is None or table.channels is not None:
+            loaded.append(load_run(one))
+        elif is_given:
+            if len(sources) > 1 and not inputs:
+                _check_named(table, frequency)
+            loaded.append((read_responses(table, inputs=into, outputs=out, frequency=frequency, is_part=True), None))
+        else:
+            loaded.append((_labelled(table, inputs, outputs, time, rate_hz), None))
+    return loaded
+
+
+def _called(source: Source) -> str:
+    return str(source) if isinstance(source, Path | str) else f"a {type(source).__name__}"
+
+
+def _holds_responses(table: Table, named: Sequence[str], frequency: str | None) -> bool:
+    """Return whether a file is read as frequency responses.
+
+    A file with both is read as records in time if the user names only real columns of the records.
+    """
     if table.channels is not None:
-        return load_run(path)
+        return False
+    if frequency is not None:
+        return True
+    labels = response_labels(table)
+    has_time = any(name.strip().lower() in TIME_NAMES for name in table.names)
+    if has_time and not any(np.iscomplexobj(table[label.column]) for label in labels):
+        return False  # magnitudes and phases over time are records
+    if labels:
+        used = {name for label in labels for name in (label.column, label.imaginary, label.phase)}
+        return not named or any(name in used or name not in table.names for name in named)
+    return bool(frequency_column(table.names, table.units)) and not named
+
+
+def _check_named(table: Table, frequency: str | None) -> None:
+    """Refuse responses to an input without a name beside those of other files."""
+    if any(not label.input for label in response_labels(table, frequency=frequency)):
+        raise BadRecording(
+            f"{table.path}: the file does not name the input of its responses; name it with --input, or name columns "
+            "OUTPUT/INPUT where the files have different inputs"
+        )
+
+
+def _labelled(
+    table: Table, inputs: Sequence[str], outputs: Sequence[str], time: str | None, rate_hz: float | None
+) -> Recording:
+    """Return a foreign file's columns as a recording."""
+    path = table.path
     if not inputs or not outputs:
         raise BadRecording(
             f"{path}: the columns carry no labels; name them with --input and --output (columns: {', '.join(table.names[:20])})"
@@ -156,20 +240,26 @@ def load_recording(
         raise BadRecording(
             f"{path}: no column is named time; name it with --time, or give --rate (columns: {', '.join(table.names[:20])})"
         )
-    return on_even_stamps(to_recording(table, specs, rate_hz=rate_hz, time=time)), None
+    return on_even_stamps(to_recording(table, specs, rate_hz=rate_hz, time=time))
 
 
 def _name(text: str) -> str:
     return text.partition("=")[0]
 
 
-def _spec(text: str, *, is_input: bool, table: Table) -> ColumnSpec:
-    """Read ``NAME``, ``NAME=KIND`` or ``NAME=KIND,UNIT``; values stay unscaled without a kind."""
+def _parts(text: str) -> tuple[str, str, str]:
+    """Return name, kind and unit of ``NAME``, ``NAME=KIND`` or ``NAME=KIND,UNIT``."""
     name, equals, rest = text.partition("=")
     kind, _, unit = rest.partition(",")
     if equals and not kind:
         raise BadRecording(f"{text!r} has not the form NAME=KIND,UNIT (kinds: {', '.join(KIND_UNITS)})")
-    if not equals:
+    return name, kind, unit
+
+
+def _spec(text: str, *, is_input: bool, table: Table) -> ColumnSpec:
+    """Read ``NAME``, ``NAME=KIND`` or ``NAME=KIND,UNIT``; values stay unscaled without a kind."""
+    name, kind, unit = _parts(text)
+    if not kind:
         return ColumnSpec(column=name, kind="other", name=name, scale=1.0, is_input=is_input)
     unit = unit or table.units.get(name) or KIND_UNITS.get(kind) or ""
     return ColumnSpec(column=name, kind=kind, unit=unit, name=name, is_input=is_input)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from vlab.api.modal_test import load_recording, modal_test
+from vlab.api.modal_test import Loaded, load_runs, modal_test
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.errors import BadRecording, VlabError
@@ -17,7 +17,7 @@ from vlab.lab.run_folder import SETTINGS, RunSettings
 from vlab.modal.dwell import DwellResult
 from vlab.modal.modal_test import ModalTest, ModalTestResult
 from vlab.modal.recognise import KINDS
-from vlab.signals import ModalModel, Recording
+from vlab.signals import ModalModel
 from vlab.structure import load_structure
 
 
@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "run",
         nargs="+",
-        help="read these run folders or recordings (.parquet, .csv, .txt, .lvm, .mat, .h5, .npz, .uff, .tdms and more); recordings of one input "
-        "are averaged, of different inputs combined",
+        help="read these run folders, recordings or frequency responses (.parquet, .csv, .txt, .lvm, .mat, .h5, .npz, .uff, .tdms and more); "
+        "those of one input are averaged, of different inputs combined",
     )
     parser.add_argument(
         "--input",
@@ -48,6 +48,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--time",
         metavar="NAME",
         help="read the time of a foreign recording from this column (default: the column named time or t)",
+    )
+    parser.add_argument(
+        "--frequency",
+        metavar="NAME",
+        help="read the frequencies of responses from this column (default: the column named f or frequency)",
     )
     parser.add_argument(
         "--rate", type=float, help="set the sample rate in Hz of a foreign recording without a time column"
@@ -113,14 +118,16 @@ def run(arguments: argparse.Namespace) -> Outcome:
         Document and text of the command.
     """
     check_out(arguments, read=arguments.run)
-    runs = [
-        load_recording(
-            path, inputs=arguments.input, outputs=arguments.output, time=arguments.time, rate_hz=arguments.rate
-        )
-        for path in arguments.run
-    ]
+    runs = load_runs(
+        arguments.run,
+        inputs=arguments.input,
+        outputs=arguments.output,
+        time=arguments.time,
+        rate_hz=arguments.rate,
+        frequency=arguments.frequency,
+    )
     result = modal_test(
-        [recording for recording, _ in runs],
+        [part for data, _ in runs for part in (data if isinstance(data, tuple) else (data,))],
         inputs=arguments.input,
         outputs=arguments.output,
         band_hz=tuple(arguments.band) if arguments.band else None,
@@ -156,17 +163,24 @@ def _title(runs: Sequence[str]) -> str:
 def _text(result: ModalTestResult, found: Sequence[FoundMode]) -> str:
     document = result.as_dict()
     kinds = ", ".join(dict.fromkeys(s.kind for s in result.signals))
+    origin = (
+        f"excitation {kinds}" if result.signals else f"{result.n_given()} given response{'s' * (result.n_given() > 1)}"
+    )
     rows = [
         [i + 1, m["hz"], m["hz_sd"], m["zeta"], m["zeta_sd"], m["confidence"], *m["shape"].values()]
         for i, m in enumerate(document["modes"])
     ]
     headers = ["mode", "Hz", "sd", "zeta", "sd", "confidence", *result.mean.outputs]
     parts = [
-        f"input {in_line(', '.join(result.mean.inputs))}; excitation {kinds}; {result.mean.freq.size} lines; residual of the fit {result.poles.residual:.2g}",
+        f"input {in_line(', '.join(result.mean.inputs))}; {origin}; {result.mean.freq.size} lines; residual of the fit {result.poles.residual:.2g}",
         text_table(headers, rows),
     ]
     from vlab.views.reports.modal_test import FOUND_HEADERS, LEVEL_HEADERS, doubts, found_rows, level_rows
 
+    if len(result.mean.inputs) > 1:
+        rows = [[i + 1, m["hz"], *m["input_shape"].values()] for i, m in enumerate(document["modes"])]
+        table = text_table(["mode", "Hz", *result.mean.inputs], rows)
+        parts.append(f"shapes at the inputs, from the participation of each input (reciprocity)\n{table}")
     parts += doubts(result)
     for part in result.distortion:
         parts.append(
@@ -216,7 +230,7 @@ def _dwells(dwells: Sequence[DwellResult], arguments: argparse.Namespace) -> Out
 
 
 def _against_plant(
-    result: ModalTestResult, runs: Sequence[tuple[Recording, RunSettings | None]], folders: Sequence[str]
+    result: ModalTestResult, runs: Sequence[Loaded], folders: Sequence[str]
 ) -> tuple[list[FoundMode], ModalModel]:
     """Compare with the linearised plant of the first run."""
     settings = [own.inside(Path(at)) for (_, own), at in zip(runs, folders, strict=True) if own is not None]

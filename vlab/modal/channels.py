@@ -1,10 +1,9 @@
 """Input and output channels of a recording: checks and response unit."""
 
-import re
-
 import numpy as np
 
 from vlab.errors import BadRecording
+from vlab.modal.quantities import response_unit_of
 from vlab.signals import Array, Recording
 
 
@@ -79,5 +78,4 @@ def response_unit(recording: Recording, inputs: tuple[str, ...], outputs: tuple[
     over, under = ({recording.channels[recording.index(n)].unit for n in names} for names in (outputs, inputs))
     if len(over) != 1 or len(under) != 1:
         return ""
-    numerator, denominator = (f"({u})" if re.search(r"[ /*]", u) else u or "1" for u in (over.pop(), under.pop()))
-    return f"{numerator}/{denominator}"
+    return response_unit_of(over.pop(), under.pop())

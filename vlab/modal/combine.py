@@ -52,6 +52,80 @@ def combine_responses(responses: Sequence[MeasuredFrequencyResponse]) -> Measure
     return columns[0] if len(columns) == 1 else _side_by_side(columns)
 
 
+def join_outputs(responses: Sequence[MeasuredFrequencyResponse]) -> tuple[MeasuredFrequencyResponse, ...]:
+    """Return responses with all outputs each, one input each.
+
+    Responses of different outputs to one input are put together, as from files of one response each.
+
+    Parameters
+    ----------
+    responses : sequence of MeasuredFrequencyResponse
+        Responses in one unit.
+
+    Returns
+    -------
+    tuple of MeasuredFrequencyResponse
+        Responses for `combine_responses`.
+
+    Raises
+    ------
+    BadRecording
+        An output has no response to an input that other outputs respond to. Or outputs have too few lines in common.
+    """
+    by_input: dict[str, list[MeasuredFrequencyResponse]] = {}
+    for response in responses:
+        for k, name in enumerate(response.inputs):
+            variance = None if response.variance is None else response.variance[:, :, k : k + 1]
+            single = replace(response, H=response.H[:, :, k : k + 1], inputs=(name,), variance=variance)
+            by_input.setdefault(name, []).append(single)
+    outputs = tuple(dict.fromkeys(name for response in responses for name in response.outputs))
+    for name, group in by_input.items():
+        missing = [output for output in outputs if not any(output in response.outputs for response in group)]
+        if missing:
+            raise BadRecording(
+                f"the response of {missing[0]} to {name} is missing; give it, or name common outputs with --output or other "
+                "inputs with --input"
+            )
+    return tuple(part for group in by_input.values() for part in _whole(group, outputs))
+
+
+def _whole(group: Sequence[MeasuredFrequencyResponse], outputs: tuple[str, ...]) -> list[MeasuredFrequencyResponse]:
+    """Return sets of all outputs from parts of one input.
+
+    An output with several responses is averaged first, unless each part is whole.
+    """
+    if all(set(part.outputs) == set(outputs) for part in group):
+        return [_in_order(part, outputs) for part in group]
+    singles = []
+    for name in outputs:
+        same = [_in_order(part, (name,)) for part in group if name in part.outputs]
+        singles.append(_one_input(same))
+    lines = _common_lines(singles)
+    if lines is None:
+        raise BadRecording(
+            f"the responses to {singles[0].inputs[0]} have too few frequency lines in common; measure all on one set of lines"
+        )
+    kept = [single._lines(at) for single, at in zip(singles, lines, strict=True)]
+    coherences = [one.coherence for one in kept if one.coherence is not None]
+    variances = [one.variance for one in kept if one.variance is not None]
+    joined = replace(
+        kept[0],
+        H=np.concatenate([one.H for one in kept], axis=1),
+        outputs=outputs,
+        unit=kept[0].unit if len({one.unit for one in kept}) == 1 else "",
+        coherence=np.concatenate(coherences, axis=1) if len(coherences) == len(kept) else None,
+        variance=np.concatenate(variances, axis=1) if len(variances) == len(kept) else None,
+        n_averages=min(one.n_averages for one in kept),
+    )
+    return [joined]
+
+
+def _in_order(response: MeasuredFrequencyResponse, outputs: tuple[str, ...]) -> MeasuredFrequencyResponse:
+    rows = [response.outputs.index(name) for name in outputs]
+    coherence, variance = (None if part is None else part[:, rows] for part in (response.coherence, response.variance))
+    return replace(response, H=response.H[:, rows], outputs=outputs, coherence=coherence, variance=variance)
+
+
 def _one_input(group: list[MeasuredFrequencyResponse]) -> MeasuredFrequencyResponse:
     if len(group) == 1:
         return group[0]

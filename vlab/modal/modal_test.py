@@ -8,15 +8,17 @@ import numpy as np
 
 from vlab.errors import BadRecording
 from vlab.modal.appropriation import AppropriatedForces, appropriate
-from vlab.modal.combine import combine_responses
+from vlab.modal.combine import combine_responses, join_outputs
 from vlab.modal.distortion import Distortion, separate_distortion
 from vlab.modal.dwell import DwellResult, evaluate_dwell
 from vlab.modal.frf import Estimator, MeasuredFrequencyResponse, estimate_frf, peak_levels
+from vlab.modal.given_responses import choose, displacement_unit, in_si, motion_of
 from vlab.modal.impact import END_LEVEL, estimate_impact_frf, without_added_decay
 from vlab.modal.poles import PoleEstimate, estimate_poles
+from vlab.modal.quantities import DERIVATIVES
 from vlab.modal.recognise import Signal, signal_of
 from vlab.modal.steps import estimate_stepped_frf
-from vlab.signals import Array, Recording, check_sizes
+from vlab.signals import Array, FrequencyResponse, Recording, check_sizes
 
 SETTLING_SHARE = 0.5
 """SETTLING_SHARE [1]: share of the periods dropped at the start of a periodic record, for decay of the transient."""
@@ -26,7 +28,8 @@ FINEST [1]: smallest half width of a peak relative to its frequency."""
 PEAK_WIDTH = 0.02
 """PEAK_WIDTH [1]: relative half width of the search for a peak, at most half the distance to the next."""
 
-_DERIVATIVES = {"velocity": 1, "angular-velocity": 1, "acceleration": 2, "angular-acceleration": 2}
+
+_OF_RECORDS = ("signal", "period_s", "segment_s", "dwell_s", "estimator", "end_level")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,13 +89,15 @@ class ModalTestResult:
     Parameters
     ----------
     signals : tuple of Signal
-        Excitation of each recording.
+        Excitation of each recording; empty for given responses.
     distortion : tuple of Distortion
         Noise and nonlinear distortion of each input with periodic data.
     forces : tuple of AppropriatedForces
         With several inputs: forces of a dwell for each mode.
     skipped_s : tuple of float or None
         Time dropped at the start of each periodic recording [s]; None for any other excitation.
+    notes : tuple of str
+        Remarks on given responses, one sentence each.
     """
 
     responses: tuple[MeasuredFrequencyResponse, ...]
@@ -102,6 +107,7 @@ class ModalTestResult:
     distortion: tuple[Distortion, ...] = ()
     forces: tuple[AppropriatedForces, ...] = ()
     skipped_s: tuple[float | None, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Return one line a mode."""
@@ -109,6 +115,10 @@ class ModalTestResult:
         head = f"<ModalTestResult: {found.freq.size} modes from {len(self.mean.inputs)} inputs, {len(self.mean.outputs)} outputs>"
         rows = zip(found.freq, found.zeta, found.confidence, strict=True)
         return "\n".join([head, *(f"  {hz:.4g} Hz, zeta {zeta:.3g}, confidence {c:.2f}" for hz, zeta, c in rows)])
+
+    def n_given(self) -> int:
+        """Return the number of responses of one output to one input."""
+        return sum(len(frf.outputs) * len(frf.inputs) for frf in self.responses)
 
     def misfit_band(self) -> tuple[float, float]:
         """Return the band with the middle 90 % of the residual [Hz]."""
@@ -167,9 +177,13 @@ class ModalTestResult:
             ],
             "residual": estimate.residual,
             "distortion": [_distortion(part) for part in self.distortion],
+            "notes": list(self.notes),
         }
         for mode, left in zip(document["modes"], self.still_ringing().tolist(), strict=True):
             mode["transient_left"] = left
+        if len(self.mean.inputs) > 1:
+            for mode, shape in zip(document["modes"], estimate.real_participation().T.tolist(), strict=True):
+                mode["input_shape"] = dict(zip(self.mean.inputs, shape, strict=True))
         for mode, forces in zip(document["modes"], self.forces, strict=False):
             named = dict(zip(forces.inputs, forces.forces.tolist(), strict=True))
             mode["dwell"] = {"hz": forces.hz, "indicator": forces.indicator, "forces": named}
@@ -233,7 +247,8 @@ def run_modal_test(recordings: Sequence[Recording], test: ModalTest) -> ModalTes
             f"the recordings have rates from {rates[0]:g} to {rates[-1]:g} Hz; test those of one rate together"
         )
     responses = tuple(_estimate(r, test, s) for r, s in zip(recordings, signals, strict=True))
-    mean = as_displacement(combine_responses(responses), recordings[0])
+    combined = combine_responses(responses)
+    mean = as_displacement(combined, [recordings[0].channels[recordings[0].index(n)].kind for n in combined.outputs])
     poles = estimate_poles(mean, sample_rate=recordings[0].rate, band_hz=test.band_hz, n_modes=test.n_modes)
     poles = without_added_decay(poles, mean.added_decay)
     return ModalTestResult(
@@ -246,6 +261,56 @@ def run_modal_test(recordings: Sequence[Recording], test: ModalTest) -> ModalTes
         skipped_s=tuple(
             _skip_s(r, s) if s.kind == "periodic" else None for r, s in zip(recordings, signals, strict=True)
         ),
+    )
+
+
+def run_response_test(
+    responses: Sequence[FrequencyResponse], test: ModalTest, *, notes: Sequence[str] = ()
+) -> ModalTestResult:
+    """Estimate the common poles of given responses.
+
+    Responses of different outputs to one input are put together. Responses of one output to one input are averaged, and
+    responses to different inputs form columns.
+
+    Parameters
+    ----------
+    responses : sequence of FrequencyResponse
+        Responses, each with the unit of its motion per unit input.
+    test : ModalTest
+        Settings; settings of records in time must keep their defaults.
+    notes : sequence of str
+        Remarks on the responses for the result.
+
+    Returns
+    -------
+    ModalTestResult
+        Responses, poles and forces; without excitations.
+
+    Raises
+    ------
+    BadRecording
+        No response, a unit without a motion, incompatible responses, or a setting of records in time.
+    UnknownName
+        No such input or output.
+    """
+    if not responses:
+        raise BadRecording("no frequency response was given")
+    for name in _OF_RECORDS:
+        if getattr(test, name) != getattr(ModalTest, name):
+            raise BadRecording(f"{name} belongs to records in time; leave it out, the frequency responses are given")
+    chosen = choose([in_si(response) for response in responses], test.inputs, test.outputs)
+    moved = [
+        replace(as_displacement(frf, [motion_of(frf)] * len(frf.outputs)), unit=displacement_unit(frf))
+        for frf in chosen
+    ]
+    mean = combine_responses(join_outputs(moved))
+    poles = without_added_decay(estimate_poles(mean, band_hz=test.band_hz, n_modes=test.n_modes), mean.added_decay)
+    return ModalTestResult(
+        responses=chosen,
+        mean=mean,
+        poles=poles,
+        forces=_forces(poles) if len(mean.inputs) > 1 and mean.added_decay == 0 else (),
+        notes=tuple(notes),
     )
 
 
@@ -270,7 +335,7 @@ def run_dwell_test(recording: Recording, test: ModalTest) -> DwellResult:
     if signal.kind != "dwell":
         raise BadRecording(f"the excitation is {signal.kind}, not a dwell; give --signal dwell where it is one")
     inputs, outputs = _channels(recording, test)
-    order = np.array([_DERIVATIVES.get(recording.channels[recording.index(name)].kind, 0) for name in outputs])
+    order = np.array([DERIVATIVES.get(recording.channels[recording.index(name)].kind, 0) for name in outputs])
     return evaluate_dwell(
         recording, signal.steps[0], inputs=inputs, outputs=outputs, derivatives=order, drive_s=signal.drive_s
     )
@@ -308,13 +373,25 @@ def read_signals(recordings: Sequence[Recording], test: ModalTest) -> tuple[Sign
     )
 
 
-def as_displacement(frf: MeasuredFrequencyResponse, recording: Recording) -> MeasuredFrequencyResponse:
+def as_displacement(frf: MeasuredFrequencyResponse, kinds: Sequence[str]) -> MeasuredFrequencyResponse:
     """Return responses integrated to displacements.
 
     Velocities and accelerations are integrated in the frequency domain (section 5.4.1). Shapes of different sensors
     then share one unit.
+
+    Parameters
+    ----------
+    frf : MeasuredFrequencyResponse
+        Responses above 0 Hz.
+    kinds : sequence of str
+        Kind of each output.
+
+    Returns
+    -------
+    MeasuredFrequencyResponse
+        Displacements per unit input.
     """
-    powers = np.array([_DERIVATIVES.get(recording.channels[recording.index(name)].kind, 0) for name in frf.outputs])
+    powers = np.array([DERIVATIVES.get(kind, 0) for kind in kinds])
     factor = (frf.added_decay + 2j * np.pi * frf.freq[:, None]) ** -powers[None, :]
     variance = None if frf.variance is None else frf.variance * np.abs(factor[:, :, None]) ** 2
     return replace(frf, H=frf.H * factor[:, :, None], variance=variance, unit="m/N" if np.any(powers) else frf.unit)
@@ -336,7 +413,7 @@ def _channels(recording: Recording, test: ModalTest) -> tuple[tuple[str, ...], t
         raise BadRecording(
             f"the recording marks no input; name one with --input (channels: {', '.join(recording.names)})"
         )
-    sensed = [c.name for c in recording.channels if c.kind in ("displacement", "angle", *_DERIVATIVES)]
+    sensed = [c.name for c in recording.channels if c.kind in DERIVATIVES]
     outputs = test.outputs or tuple(name for name in sensed if name not in inputs)
     if not outputs:
         raise BadRecording(

@@ -93,8 +93,14 @@ class PoleEstimate:
 
         The largest component is 1.
         """
-        turned = self.shapes * np.exp(-0.5j * np.angle(np.sum(self.shapes**2, axis=0)))
-        return turned.real / _largest(turned.real)
+        return _real(self.shapes)
+
+    def real_participation(self) -> Array:
+        """Return real, optimally rotated participations, (n_inputs, n_modes).
+
+        The largest component is 1. By reciprocity, participations to forces are the shape at the places of the forces.
+        """
+        return _real(self.participation)
 
     def on_lines(self, freq: Array) -> FrequencyResponse:
         """Return the fit at given lines [Hz].
@@ -320,6 +326,11 @@ def _shapes(residues: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
     raw = left[:, :, 0].T
     largest = _largest(raw)
     return raw / largest, (right[:, 0, :] * (sigma[:, 0] * largest)[:, None]).T
+
+
+def _real(shapes: ComplexArray) -> Array:
+    turned = shapes * np.exp(-0.5j * np.angle(np.sum(shapes**2, axis=0)))
+    return np.asarray(turned.real / _largest(turned.real))
 
 
 def _largest(shapes: NDArray[Any]) -> NDArray[Any]:

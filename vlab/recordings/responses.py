@@ -12,7 +12,7 @@ from vlab.errors import BadRecording, BadUnit
 from vlab.files.text import one_line
 from vlab.recordings.files import refuse
 from vlab.recordings.table import Table
-from vlab.signals import FrequencyResponse
+from vlab.signals import Array, FrequencyResponse
 
 FORM_UNITS = {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s^2/N"}
 """SI unit of each form of a frequency response."""
@@ -138,21 +138,14 @@ def to_frequency_response(table: Table, spec: ResponseSpec) -> MeasuredResponse:
     si = FORM_UNITS.get(spec.form)
     if si is None:
         raise refuse(table.path, f"the form is {spec.form!r}", fix=f"accepted: {', '.join(FORM_UNITS)}")
-    freq = table.real(spec.frequency) * _factor(table, spec.frequency, spec.frequency_unit, "Hz")
-    if freq.size < 2 or freq[0] < 0 or not np.all(np.diff(freq) > 0):
-        k = int(np.argmin(np.diff(freq))) + 1 if freq.size > 1 else 0
-        what = f"the frequencies in {spec.frequency!r} do not increase from 0 on (line {k} is {freq[k]:g} Hz)"
-        raise refuse(table.path, what, fix="name the column of the frequencies")
+    freq = read_lines(table, spec.frequency, spec.frequency_unit)
     columns, notes, has_phase = [], [], []
     for output, (column, imaginary, phase, phase_unit) in zip(spec.outputs, _columns(table, spec), strict=True):
-        values = _values(table, column, imaginary, is_db=spec.form_db)
-        if phase:
-            values = _turned(table, column, values, phase, phase_unit)
+        values = read_values(
+            table, freq, column, imaginary=imaginary, phase=phase, phase_unit=phase_unit, is_db=spec.form_db
+        )
         has_phase.append(bool(phase) or not spec.form_db)
-        if values.size != freq.size:
-            what = f"column {column!r} has {values.size} lines, the frequencies {freq.size}"
-            raise refuse(table.path, what, fix="they do not belong together")
-        if not spec.form_db and not imaginary and not phase and not np.iscomplexobj(table[column]):
+        if not spec.form_db and not np.iscomplexobj(values):
             raise refuse(
                 table.path,
                 f"column {column!r} (output {output!r}) is real, a response has a phase",
@@ -177,6 +170,85 @@ def to_frequency_response(table: Table, spec: ResponseSpec) -> MeasuredResponse:
         )
     except BadRecording as error:
         raise refuse(table.path, str(error)) from error
+
+
+def read_lines(table: Table, frequency: str, unit: str) -> Array:
+    """Return the frequencies of a file [Hz].
+
+    Parameters
+    ----------
+    table : Table
+        Columns of the file.
+    frequency : str
+        Column of the frequencies.
+    unit : str
+        Unit of that column.
+
+    Returns
+    -------
+    (n,) array
+        Increasing frequencies from 0 on, at least two.
+
+    Raises
+    ------
+    BadRecording
+        One line only, or frequencies that are negative, repeated or decreasing.
+    BadUnit
+        The unit is unknown, of another dimension, or contradicts the file.
+    """
+    freq = table.real(frequency) * _factor(table, frequency, unit, "Hz")
+    if freq.size < 2:
+        what = f"{frequency!r} has one line, at {freq[0]:g} Hz"
+        raise refuse(table.path, what, fix="a response has at least 2 lines; name the column of the frequencies")
+    if freq[0] < 0 or not np.all(np.diff(freq) > 0):
+        k = int(np.argmin(np.diff(freq))) + 1 if freq[0] >= 0 else 0
+        if k and freq[k] == freq[k - 1]:
+            what = f"the frequencies in {frequency!r} do not increase: lines {k - 1} and {k} both are at {freq[k]:g} Hz"
+            raise refuse(table.path, what, fix="keep one of the lines")
+        what = f"the frequencies in {frequency!r} do not increase from 0 on (line {k} is {freq[k]:g} Hz)"
+        raise refuse(table.path, what, fix="name the column of the frequencies")
+    return np.asarray(freq, dtype=float)
+
+
+def read_values(
+    table: Table, freq: Array, column: str, *, imaginary: str = "", phase: str = "", phase_unit: str = "", is_db: bool
+) -> NDArray[Any]:
+    """Return one response in the unit of the file.
+
+    Parameters
+    ----------
+    table : Table
+        Columns of the file.
+    freq : (n,) array
+        Frequencies.
+    column : str
+        Column of complex values, real parts or magnitudes.
+    imaginary, phase : str
+        Column of the imaginary parts or of the phases, or empty.
+    phase_unit : str
+        Unit of the phases.
+    is_db : bool
+        Whether the column holds 20 log10 of the magnitude.
+
+    Returns
+    -------
+    (n,) array
+        Complex response, or real values of a column without imaginary part and phase.
+
+    Raises
+    ------
+    BadRecording
+        Unequal lengths, a complex part, or a magnitude below 0 or beyond 400 dB.
+    UnknownName
+        A column is not in the file.
+    """
+    values = _values(table, column, imaginary, is_db=is_db)
+    if phase:
+        values = _turned(table, column, values, phase, phase_unit)
+    if values.size != freq.size:
+        what = f"column {column!r} has {values.size} lines, the frequencies {freq.size}"
+        raise refuse(table.path, what, fix="they do not belong together")
+    return values
 
 
 def _columns(table: Table, spec: ResponseSpec) -> list[tuple[str, str, str, str]]:

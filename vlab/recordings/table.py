@@ -19,6 +19,7 @@ from vlab.errors import BadRecording, BadUnit, UnknownName, VlabError, unknown_n
 from vlab.files.text import one_line
 from vlab.recordings.bound import check_bound
 from vlab.recordings.files import PathLike, read_guarded, refuse
+from vlab.recordings.response_labels import ResponseLabel
 from vlab.signals import Channel
 
 READERS = {
@@ -103,6 +104,8 @@ class Table:
         Column by its other name.
     rows : (n,) array of int or None
         Row of the file for each sample, after a selection of rows; None for all rows.
+    responses : tuple of ResponseLabel or None
+        Columns that the file states to be frequency responses; None for a file that states no kinds of columns.
 
     Raises
     ------
@@ -120,6 +123,7 @@ class Table:
     blanks: Collection[str] = frozenset()
     aliases: Mapping[str, str] = field(default_factory=dict)
     rows: NDArray[Any] | None = None
+    responses: tuple[ResponseLabel, ...] | None = None
 
     def __post_init__(self) -> None:
         columns = {}

@@ -17,12 +17,22 @@ from numpy.typing import NDArray
 
 from vlab.recordings.files import PathLike, refuse, written_whole
 from vlab.recordings.formats.uff58 import CLOCK, Function, Lying, clock_of, clock_text, function_text, read_function
+from vlab.recordings.response_labels import ResponseLabel
 from vlab.recordings.table import FORMAT_VERSION, MAX_COLUMNS, Table, check_version, read_channel
 from vlab.signals import Channel, FrequencyResponse, Recording
 
 _EDGE = b"    -1"
 _ABSCISSA = {17: ("time", "s"), 18: ("f", "Hz")}
 _DATA_TYPES = {"displacement": 8, "velocity": 11, "acceleration": 12, "force": 13, "moment": 13, "strain": 3}
+_KINDS = {
+    8: ("displacement", "angle"),
+    11: ("velocity", "angular-velocity"),
+    12: ("acceleration", "angular-acceleration"),
+    13: ("force", "moment"),
+}
+"""Kinds along and about an axis, by specific data type."""
+_RESPONSES = (0, 4)
+"""Function types of complex functions of frequency that are responses: unknown, and frequency response."""
 _SIGNATURE = "vlab-recording"
 
 
@@ -128,6 +138,7 @@ def _table(functions: list[Function], path: Path, columns: Sequence[str] | None,
         f.abscissa_type == first.abscissa_type and np.array_equal(f.abscissa, first.abscissa) for f in functions
     )
     times = Counter[str]()
+    responses = []
     for function in functions:
         label = _label(function)
         times[label] += 1
@@ -139,6 +150,8 @@ def _table(functions: list[Function], path: Path, columns: Sequence[str] | None,
         found[label] = function.values
         if function.unit:
             units[label] = function.unit
+        if function.kind in _RESPONSES and np.iscomplexobj(function.values):
+            responses.append(_response_label(function, label, axis))
         title = function.ids[0]
         notes.append(f"{label}: {title}" if title and title != "NONE" else label)
     if any(f.is_even and not f.ids[4].startswith(CLOCK) for f in functions):
@@ -146,7 +159,23 @@ def _table(functions: list[Function], path: Path, columns: Sequence[str] | None,
     if columns is not None:
         found = {name: values for name, values in found.items() if name in columns} or found
     units = {name: unit for name, unit in units.items() if unit and name in found}
-    return Table(path=path, columns=found, notes=tuple(notes), units=units)
+    kept = tuple(one for one in responses if one.column in found and one.frequency in found)
+    return Table(path=path, columns=found, notes=tuple(notes), units=units, responses=kept)
+
+
+def _response_label(function: Function, column: str, axis: str) -> ResponseLabel:
+    kinds = [_KINDS.get(code, ("", "")) for code in (function.data_type, function.reference_type)]
+    motion, drive = (
+        pair["R" in place] for pair, place in zip(kinds, (function.response, function.reference), strict=True)
+    )
+    return ResponseLabel(
+        output=function.response,
+        input=function.reference if function.has_reference else "",
+        motion=motion,
+        drive=drive,
+        column=column,
+        frequency=axis,
+    )
 
 
 # ------------------------------------------------------------------------------------------------- vlab's own form

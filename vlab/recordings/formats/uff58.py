@@ -47,8 +47,8 @@ class Function:
         Node and direction, such as ``"12+Z"``; the reference is empty or ``"0"`` for none.
     abscissa, values : (n,) arrays
         Abscissa as stored or as given by the header, and real or complex ordinates.
-    abscissa_type, data_type : int
-        Specific data types: 17 time, 18 frequency.
+    abscissa_type, data_type, reference_type : int
+        Specific data types of abscissa, numerator and denominator: 17 time, 18 frequency, 12 acceleration, 13 force.
     abscissa_unit, unit : str
         Unit labels of the file; for the ordinate "numerator/denominator".
     is_even : bool
@@ -65,6 +65,7 @@ class Function:
     abscissa_unit: str = ""
     unit: str = ""
     data_type: int = 0
+    reference_type: int = 0
     is_even: bool
 
     @property
@@ -279,6 +280,7 @@ def _labelled(lines: list[bytes], form: _Form, values: NDArray[Any]) -> Function
         abscissa_unit=_no_none(axis[5]),
         unit=unit,
         data_type=_integer(above[0], "the ordinate's data type"),
+        reference_type=_integer(below[0], "the denominator's data type"),
         is_even=form.is_even,
     )
 

@@ -58,7 +58,7 @@ def doubts(result: ModalTestResult) -> list[str]:
     list of str
         Sentences.
     """
-    out = []
+    out = list(result.notes)
     if result.poles.residual > MUCH_LEFT:
         low, high = result.misfit_band()
         out.append(
@@ -146,16 +146,23 @@ def write_modal_test(
         )
     sections.append(Section(title="Frequency responses", text=[text], figures=responses))
     sections += [_distortion(part, draw) for part in result.distortion]
-    kinds = ", ".join(dict.fromkeys(s.kind for s in result.signals))
-    recognised = " (recognised from the samples)" if any(s.is_recognised for s in result.signals) else ""
-    summary = [
-        f"{len(result.responses)} recording{'s' * (len(result.responses) > 1)}; excitation: {kinds}{recognised}; inputs: {', '.join(result.mean.inputs)}."
-    ]
+    summary = [_origin(result)]
     write_report(folder / "report.html", title=title, sections=sections, summary=[*summary, *doubts(result)])
     for name, (svg, _) in figures.items():
-        (folder / f"{''.join(c if c.isalnum() or c in '-._' else '-' for c in name)}.svg").write_text(
+        (folder / f"{''.join(c if c.isalnum() or c in '-+._' else '-' for c in name)}.svg").write_text(
             svg, encoding="utf-8"
         )
+
+
+def _origin(result: ModalTestResult) -> str:
+    """Return one sentence on the data."""
+    inputs = ", ".join(result.mean.inputs)
+    if not result.signals:
+        return f"{result.n_given()} given frequency response{'s' * (result.n_given() > 1)}; inputs: {inputs}."
+    kinds = ", ".join(dict.fromkeys(s.kind for s in result.signals))
+    recognised = " (recognised from the samples)" if any(s.is_recognised for s in result.signals) else ""
+    count = len(result.responses)
+    return f"{count} recording{'s' * (count > 1)}; excitation: {kinds}{recognised}; inputs: {inputs}."
 
 
 def _modes(result: ModalTestResult, found: Sequence[FoundMode]) -> Section:
@@ -194,7 +201,15 @@ def _shapes(result: ModalTestResult, true: ModalModel | None, draw: Any) -> Sect
             mac(estimated, true.shapes), rows="fit", columns="plant", row_freq=freq, column_freq=true.freq.tolist()
         )
         figures.append(draw("mac-plant", against, "MAC of the shapes from the fit with the plant's own."))
-    return Section(title="Mode shapes", figures=figures)
+    if len(result.mean.inputs) == 1:
+        return Section(title="Mode shapes", figures=figures)
+    rows = [[i + 1, freq[i], *shape] for i, shape in enumerate(result.poles.real_participation().T.tolist())]
+    text = (
+        "Shapes at the inputs, from the participation of each input: by reciprocity those at the places of the forces."
+    )
+    return Section(
+        title="Mode shapes", text=[text], tables=[(("mode", "Hz", *result.mean.inputs), rows)], figures=figures
+    )
 
 
 def _paired(result: ModalTestResult, true: ModalModel) -> Array:
