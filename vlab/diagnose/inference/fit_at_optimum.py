@@ -77,7 +77,7 @@ def _errors(residual: Array, priors: int, runs: Sequence[Signals], sigma: Array)
 
 
 def _deviations(vector: ParameterVector, x: Array, normal: Array) -> dict[str, float]:
-    """Return the standard deviations of the effect parameters; of positive ones relative to their value."""
+    """Return the standard deviations of the effect parameters; relative for positive ones."""
     size = np.sqrt(np.diag(normal))  # a gap in metres must not push all others below the cutoff
     size = np.where(size > 0, size, 1.0)
     scaled = normal / np.outer(size, size) + 1e-12 * np.eye(len(size))

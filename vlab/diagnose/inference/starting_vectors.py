@@ -1,4 +1,7 @@
-"""Starting vectors of a fit: estimates of the screening, and an earlier fit with small new terms."""
+"""Starting vectors of a fit.
+
+The starts are estimates of the screening, and an earlier fit with small new terms.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Protocol
@@ -78,7 +81,7 @@ def _by_screening(of: Started, vector: ParameterVector, start: Fit | None) -> li
 def _beside_earlier(
     of: Started, vector: ParameterVector, start: Fit | None, known: Mapping[str, Term], theta: Array
 ) -> list[Array]:
-    """Return an earlier fit with new terms at several sizes, and with those of the local elements."""
+    """Return an earlier fit with new terms at several sizes, and as local elements."""
     terms, out = vector.terms, []
     for size in (1.0, 0.3, 0.05):
         small = [{p.name: t.values[p.name] * size for p in t.effect.amplitudes} for t in terms]
