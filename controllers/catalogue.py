@@ -1,5 +1,6 @@
 """Designed laws by name, with defaults of the published designs."""
 
+import math
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
@@ -75,6 +76,12 @@ class Asked:
             raise unknown_name("weights", self.weights, WEIGHTS)
         if self.seed < 0:
             raise BadDesign(f"the seed {self.seed} is negative; accepted: whole numbers from 0")
+        for name in ("q", "r", "v1", "v2", "alpha", "damping", "rate"):  # also where the law does not use the number
+            if not math.isfinite(getattr(self, name)):
+                raise BadDesign(f"{name} = {getattr(self, name)} is not a positive number")
+        for name, what in (("modes", "modes cannot be bounded"), ("shapes", "initial shapes cannot be used")):
+            if getattr(self, name) < 1:
+                raise BadDesign(f"{getattr(self, name)} {what}; accepted: whole numbers from 1")
 
 
 def default_model(structure: Structure, law: str) -> str:

@@ -202,12 +202,8 @@ def mistaken(unit: str, si: str) -> dict[str, float]:
     above, _, below = si.rpartition("/")
     written = WRITTEN.get(si, ())
     if not written and above in WRITTEN and below in WRITTEN:
-        written = tuple(
-            f"({a})/{b}" if "/" in a else f"{a}/{b}"
-            for a in WRITTEN[above]
-            for b in WRITTEN[below]
-            if a == above or b == below
-        )
+        pairs = [*((a, below) for a in WRITTEN[above]), *((above, b) for b in WRITTEN[below])]  # mm/N before m/kN
+        written = tuple(f"({a})/{b}" if "/" in a else f"{a}/{b}" for a, b in dict.fromkeys(pairs))
     own = factor(unit, si) if written else 1.0
     ratios = {other: factor(other, si) / own for other in written}
     return {other: ratio for other, ratio in ratios.items() if abs(ratio - 1.0) > 1e-9}

@@ -110,7 +110,7 @@ class Written:
     Parameters
     ----------
     columns : mapping
-        By recording, its columns; without time.
+        By recording, its columns; without time. Channels of other columns are left out there.
     said : mapping
         By column, keys of its channel that differ from the rig's.
     time, clock : str
@@ -138,7 +138,7 @@ class Written:
             np.savez(self.folder / f"{name}.npz", **{self.time: self.times * EVERY * STEP * np.arange(n)}, **columns)
             role = "holdout" if i == len(self.columns) - 1 else "fit"
             lines += ["[[recording]]", f'file = "{name}.npz"', f'name = "{name}"', f'role = "{role}"', self.clock]
-            for column, keys in self.channels.items():
+            for column, keys in ((c, k) for c, k in self.channels.items() if c in columns):
                 merged = {**keys, **self.said.get(column, {})}
                 lines += ["[[recording.channel]]", f'column = "{column}"']
                 lines += [f"{key} = {_toml(value)}" for key, value in merged.items()]

@@ -157,6 +157,16 @@ def test_inputs_of_other_recordings_are_no_inputs_of_these(tmp_path, masses):
     assert "no recorded output moves with motor" in text
 
 
+@pytest.mark.parametrize("left_out", ["one", "two"])
+def test_a_recording_may_lack_a_channel_that_nothing_explains(tmp_path, masses, left_out):
+    names = list(masses)
+    wrong = {name: {**masses[name], "force": masses[names[k - 1]]["force"]} for k, name in enumerate(names)}
+    del wrong[names[1]][left_out]
+    ((severity, text),) = found(masses_case(tmp_path, wrong))
+    assert severity == "warning"
+    assert "no recorded output moves with motor" in text
+
+
 @pytest.mark.parametrize(
     ("clock", "name", "line"),
     [

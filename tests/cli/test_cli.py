@@ -210,6 +210,10 @@ def test_a_divergence_is_one_line_and_status_1(capsys, tmp_path):
         (["experiment", "beam", "--band", "5", "2000"], "drives and records up to 1000 Hz"),
         (["experiment", "beam", "--level", "inf"], "not a finite number"),
         (["experiment", "beam", "--seed", "-1"], "accepted: whole numbers from 0"),
+        *(
+            ([verb, *more, "--seed", "-1"], "accepted: whole numbers from 0")
+            for verb, *more in (["demo"], ["correct", "beam"], ["reproduce"], ["conceal"], ["prove", "--quick"])
+        ),
         (["experiment", "beam", "--noise", "-1"], "is negative"),
         (["experiment", "beam", "--noise", "nan"], "not finite"),
         (["experiment", "beam", "--noise", "1e300"], "accepted: 0 to 1000"),
@@ -222,6 +226,14 @@ def test_a_divergence_is_one_line_and_status_1(capsys, tmp_path):
         (["modal-test", "nowhere.parquet"], "nowhere.parquet"),
         (["modal-test", "nowhere"], "nowhere: there is no such file"),
         (["compare", "nowhere"], "nowhere"),
+        (["compare", "x" * 5000], "File name too long"),
+        (["modes", "x" * 5000], "File name too long"),
+        (["experiment", "beam", "--out", "x" * 5000], "File name too long"),
+        (["experiment", "beam", "--out", "."], "the output folder . is the folder in which the command runs"),
+        (["conceal", "--n", "1", "--out", "."], "the output folder . is the folder in which the command runs"),
+        (["conceal", "--n", "1", "--out", "/"], "no folder can stand beside the root"),
+        (["prove", "."], "commitments.json"),
+        (["prove", "/"], "no folder can stand beside the root"),
         (["show", "nowhere"], "no run.rrd here"),
         (["dance"], "unknown command 'dance'; did you mean 'diagnose'? (accepted: demo, modes"),
         (["diagnos", "case.toml"], "unknown command 'diagnos'; did you mean 'diagnose'?"),

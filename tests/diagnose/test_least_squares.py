@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 from vlab.cases import load_case
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.model_choice import choose_model
+from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.search.alternative_conventions import choose_convention, list_conventions
 from vlab.diagnose.search.model_class import choose_model_class
 from vlab.diagnose.settings import HYPOTHESIS_FITS
@@ -100,3 +101,12 @@ def test_a_fit_of_recordings_that_tell_nothing_of_the_model_ends(tmp_path, torqu
     fit = whole.fit()
     assert np.isfinite(fit.cost)
     assert fit.terms == ()
+
+
+@pytest.mark.parametrize("torque", [FAR, NEAR])
+def test_what_nothing_explains_ends_in_one_verdict_on_both_model_classes(tmp_path, torque):
+    case = pendulum(tmp_path, torque, hold="", initial="rest")
+    diagnosis = diagnose(case, effects=[EFFECTS["viscous-damping"], EFFECTS["added-mass"]]).diagnosis
+    assert diagnosis.verdict in ("none-of-these", "bad-recording")
+    assert not diagnosis.findings
+    assert [c.gap_closed for c in diagnosis.checked if c.gap_closed and c.gap_closed > 0.1] == []

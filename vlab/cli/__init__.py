@@ -53,7 +53,8 @@ ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """ONE_THREAD: variables that limit linear algebra to one thread. Sums then have one order, so a seed gives the same bits
 on any number of cores. The small matrices here are also faster on one thread."""
 OF_SYSTEM = {errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EMFILE, errno.ENFILE}
-"""OF_SYSTEM: errors of the system: missing rights, no space, too many open files."""
+OF_SYSTEM |= {errno.ENAMETOOLONG, errno.ELOOP}
+"""OF_SYSTEM: errors of the system: missing rights, no space, too many open files, impossible names."""
 MOST_SAID = 10_000
 """MOST_SAID [characters]: longest error line; a list of all accepted names is long."""
 DEBUG = "--debug"

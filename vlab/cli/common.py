@@ -1,5 +1,6 @@
-"""Shared parts of the commands: outcome, text tables, progress bars."""
+"""Shared parts of the commands: outcome, arguments, text tables, progress bars."""
 
+import argparse
 import contextlib
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -23,6 +24,33 @@ class Outcome:
     document: Any
     text: str
     holds: bool = True
+
+
+def seed_number(text: str) -> int:
+    """Return the seed of random numbers that a word states.
+
+    Parameters
+    ----------
+    text : str
+        Word of the command line.
+
+    Returns
+    -------
+    int
+        Seed.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        The word is no whole number from 0.
+    """
+    try:
+        number = int(text)
+    except ValueError:
+        number = -1
+    if number < 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no seed; accepted: whole numbers from 0")
+    return number
 
 
 def text_table(headers: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:

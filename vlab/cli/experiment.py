@@ -9,7 +9,7 @@ from typing import Any
 from vlab.api.experiment import run_prepared
 from vlab.api.law_argument import file_of
 from vlab.cases.description import ModelTable
-from vlab.cli.common import Outcome, progress_bar, share_bar
+from vlab.cli.common import Outcome, progress_bar, seed_number, share_bar
 from vlab.cli.destination import add_out, check_out, destination
 from vlab.cli.loop_summary import loop_facts, loop_text, period_text, periods_of
 from vlab.errors import BadExperiment
@@ -100,7 +100,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--rate", type=float, help="sample loop and recording at this rate in Hz (default 2000)")
     parser.add_argument(
-        "--seed", type=int, default=default.seed, help="draw excitation and noise with this seed (default 0)"
+        "--seed", type=seed_number, default=default.seed, help="draw excitation and noise with this seed (default 0)"
     )
     parser.add_argument(
         "--noise",

@@ -130,6 +130,8 @@ def check_output(path: Path | str, *, overwrite: bool = False, remedy: str = "na
     target = Path(path)
     if target.exists() and not target.is_dir():
         raise OutputRefused(f"the output folder {target} is a file; name another folder with --out")
+    if target.is_dir() and (not any(target.iterdir()) or _is_ours(target)):
+        _check_working_folder(target)
     if not target.is_dir() or not any(target.iterdir()):
         return
     if not _is_ours(target):
@@ -138,6 +140,40 @@ def check_output(path: Path | str, *, overwrite: bool = False, remedy: str = "na
         )
     if not overwrite:
         raise OutputRefused(f"the output folder {target} is there already; {remedy}")
+
+
+def _check_working_folder(target: Path) -> None:
+    """Refuse the folder of the process, which cannot be replaced."""
+    if Path.cwd().is_relative_to(target.resolve()):
+        raise OutputRefused(
+            f"the output folder {target} is the folder in which the command runs; name another folder with --out"
+        )
+
+
+def folder_beside(folder: Path, form: str) -> Path:
+    """Return a folder with a related name beside another folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Existing or future folder; ``.`` and ``..`` are resolved.
+    form : str
+        Form of the name, with ``{}`` for the name of the folder.
+
+    Returns
+    -------
+    Path
+        Path of the related folder.
+
+    Raises
+    ------
+    OutputRefused
+        The folder has no name, as the root of a file system.
+    """
+    place = folder.resolve() if folder.name in ("", "..") else folder
+    if not place.name:
+        raise OutputRefused(f"{folder}: no folder can stand beside the root of a file system; name another folder")
+    return place.with_name(form.format(place.name))
 
 
 def _move_in(fresh: Path, target: Path, overwrite: bool) -> None:

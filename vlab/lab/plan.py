@@ -21,7 +21,7 @@ from typing import Any, Literal
 
 from vlab import __version__
 from vlab.errors import BadExperiment, BadRecording, OutputRefused, VlabError, unknown_name
-from vlab.files.output_folder import MANIFEST, output_folder
+from vlab.files.output_folder import MANIFEST, folder_beside, output_folder
 from vlab.files.toml import Reader
 from vlab.lab.run_folder import DoneRun, PreparedRun, RunSettings, StoredSettings, load_run, perform
 from vlab.recordings.bound import RECORDING, check_run, stated_hash
@@ -306,7 +306,7 @@ def _bind(plan: Plan, folder: Path) -> tuple[str, ...]:
     """
     bound = {record.name: _binding(record.settings) for record in plan.record}
     public = {name: _without_effects(binding) for name, binding in bound.items()} if plan.concealed else bound
-    truth = folder.with_name(f"{folder.name}-truth") / TRUTH
+    truth = folder_beside(folder, "{}-truth") / TRUTH
     if folder.is_dir() and any(folder.iterdir()):
         manifest = _read_json(folder / MANIFEST) if (folder / MANIFEST).exists() else {}
         if manifest.get("written_by") != "vlab" or manifest.get("verb") != "plan":

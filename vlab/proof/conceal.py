@@ -11,7 +11,7 @@ from typing import Any
 
 from vlab.errors import BadExperiment, BadProof
 from vlab.files.locks import sole_use
-from vlab.files.output_folder import output_folder, write_manifest
+from vlab.files.output_folder import folder_beside, output_folder, write_manifest
 from vlab.proof.campaign import common_instructions, run_all
 from vlab.proof.case_folder import write_case
 from vlab.proof.manifest import generator_digest
@@ -36,7 +36,7 @@ one."""
 
 def truth_folder(folder: Path) -> Path:
     """Return the folder of the truth, beside the cases."""
-    return folder.with_name(f"{folder.name}-truth")
+    return folder_beside(folder, "{}-truth")
 
 
 def conceal_cases(
@@ -159,7 +159,7 @@ def _keep_sealed(out: Path) -> None:
 
 def unfinished_folder(out: Path) -> Path:
     """Return the hidden folder of unfinished cases."""
-    return out.with_name(f".{out.name}-unfinished")
+    return folder_beside(out, ".{}-unfinished")
 
 
 def _begin(folder: Path, wanted: dict[str, Any], seed: int | None) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any
 
 from vlab.errors import BadProof
 from vlab.files.locks import sole_use
+from vlab.files.output_folder import folder_beside
 from vlab.physics.catalogue import EFFECTS
 from vlab.proof import document_schema as shapes
 from vlab.proof.answer import Report, answer_case, write_worst
@@ -52,7 +53,7 @@ Progress = Callable[[int, int], None]
 
 def answers_folder(cases: Path) -> Path:
     """Return the folder of the answers, beside the cases."""
-    return cases.with_name(f"{cases.name}-answers")
+    return folder_beside(cases, "{}-answers")
 
 
 def prove(

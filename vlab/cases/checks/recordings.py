@@ -211,7 +211,8 @@ class _Look:
 
         def left(run: Run) -> int:
             at = beside(self.case.plant, [run])
-            return sum(not at.channels[name] or at.left(name) > EXPLAINED for name in unexplained)
+            own = [name for name in unexplained if name in at.channels]  # not every recording has every channel
+            return sum(not at.channels[name] or at.left(name) > EXPLAINED for name in own)
 
         parts = [first_seconds(self.case.plant, run, STEPS_TRIED) for run in self.now.runs]
         as_said = [left(part) for part in parts]

@@ -1,22 +1,25 @@
 """Checks of frequency responses against the nominal model.
 
-A response with reversed phase precedes its cause, which shows without a model. Signs and units are checked as in
-`vlab.cases.checks`, with responses instead of spectra.
+A response with reversed phase precedes its cause, which shows without a model. Signs, units and exchanged outputs are
+checked as in `vlab.cases.checks`, with responses instead of spectra. A wrong form or unit of frequency is found by
+trial.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
 from vlab import units
 from vlab.cases.case import Case
 from vlab.cases.checks.bands import Bands, bands_of_responses, together
-from vlab.cases.checks.beside import FEWEST
+from vlab.cases.checks.beside import EXPLAINED, FEWEST, UNEXPLAINED
 from vlab.cases.checks.correction import FileCheck, Found, Severity
+from vlab.cases.checks.recordings import SLACK, SMALLER
 from vlab.cases.checks.slips import is_turned, slip_of_unit
 from vlab.cases.description import FrfTable
-from vlab.diagnose.data.responses import Response, read_measured
+from vlab.diagnose.data.responses import ORDERS, Response, read_measured
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
 from vlab.diagnose.predictors.level_answer import answer_at_level
 from vlab.diagnose.settings import RESPONSE_CHECKS
@@ -35,7 +38,7 @@ class _Measured:
 
 
 def check_responses(problem: FrequencyProblem) -> FileCheck:
-    """Check signs, units and phases of a case's frequency responses.
+    """Check signs, units, forms, phases and outputs of a case's frequency responses.
 
     Parameters
     ----------
@@ -51,13 +54,15 @@ def check_responses(problem: FrequencyProblem) -> FileCheck:
     tables = {f"frf{i + 1}": table for i, table in enumerate(case.table.frf)}
     read = [d for d in read_measured(case, ("fit", "holdout")) if isinstance(d, Response)]
     view, state = nominal_model(problem.plant, problem.wires).seen()
-    all_of_it = [
-        _Measured(table=tables[d.name], data=d, own=answer_at_level(view, state, d, problem.wires).H) for d in read
-    ]
+
+    def modelled(data: Response) -> ComplexArray:
+        return answer_at_level(view, state, data, problem.wires).H
+
+    all_of_it = [_Measured(table=tables[d.name], data=d, own=modelled(d)) for d in read]
     early = [one for one in all_of_it if _is_early(one)]
     found = [_conjugated(case, early)] if early else []
     causal = [_conjugate(one) if one in early else one for one in all_of_it]
-    found += _signs_and_units(case, causal)
+    found += _forms(case, causal, modelled) or _signs_and_units(case, causal) or _exchanged(case, causal)
     named = {name for f in found for name in f.channels}
     found += [_gives(one.data) for one in causal if one.data.gives_power and one.data.input not in named]
     return FileCheck(found=tuple(found))
@@ -97,9 +102,10 @@ def _conjugated(case: Case, early: Sequence[_Measured]) -> Found:
     )
     text = (
         f"{names}: the response comes before its cause: its phase rises through resonances, as if it was written with exp(-i omega t), "
-        f"conjugated; to mend it, say in {case.path.name}: conjugate = true in [[frf]] with file = {files}"
+        "conjugated"
     )
-    return Found(severity="fatal", text=text, channels=tuple(o for e in early for o in e.data.outputs))
+    outputs = tuple(o for e in early for o in e.data.outputs)
+    return _mended(case, "fatal", text, f"conjugate = true in [[frf]] with file = {files}", outputs)
 
 
 def _gives(data: Response) -> Found:
@@ -108,6 +114,112 @@ def _gives(data: Response) -> Found:
         "its phase counts the other way"
     )
     return Found(severity="note", text=text, channels=(data.input,))
+
+
+# ---- forms and units of frequency ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """Form of responses and unit of their frequencies."""
+
+    form: str
+    frequency_unit: str
+
+    @classmethod
+    def of(cls, table: FrfTable) -> "_Reading":
+        """Return the reading that a case states."""
+        return cls(form=table.form, frequency_unit=table.frequency_unit)
+
+    def on(self, one: _Measured) -> Response:
+        """Return a response in this reading."""
+        scale = units.factor(self.frequency_unit, "Hz") / units.factor(one.table.frequency_unit, "Hz")
+        return replace(one.data, order=ORDERS[self.form], freq=scale * one.data.freq)
+
+    def others(self) -> list["_Reading"]:
+        """Return the readings with another form or unit."""
+        forms = [replace(self, form=form) for form in FORM_UNITS if form != self.form]
+        return forms + [replace(self, frequency_unit=unit) for unit in FREQUENCIES if unit != self.frequency_unit]
+
+
+FREQUENCIES = ("Hz", "rad/s")
+"""FREQUENCIES: units in which programs write the lines of a response."""
+
+
+def _forms(case: Case, measured: Sequence[_Measured], modelled: Callable[[Response], ComplexArray]) -> list[Found]:
+    """Return readings other than the stated one with which responses agree.
+
+    As stated no output agrees with the model. In the other reading all do.
+    """
+    out = []
+    for stated in dict.fromkeys(_Reading.of(one.table) for one in measured):
+        these = [one for one in measured if _Reading.of(one.table) == stated]
+        if min(_residuals(these), default=0.0) < UNEXPLAINED:
+            continue
+
+        def residual(other: _Reading, these: Sequence[_Measured] = these) -> float:
+            return max(_residuals([replace(one, data=(d := other.on(one)), own=modelled(d)) for one in these]))
+
+        other = min(stated.others(), key=residual)
+        if residual(other) <= EXPLAINED:
+            out.append(_read_as(case, these, stated, other))
+    return out
+
+
+def _read_as(case: Case, these: Sequence[_Measured], stated: _Reading, other: _Reading) -> Found:
+    names, files = (
+        " and ".join(dict.fromkeys(x)) for x in ([e.data.name for e in these], [e.table.file for e in these])
+    )
+    if other.form != stated.form:
+        what = f"the responses are those of the model as {other.form} and not as {stated.form}"
+        power = ORDERS[other.form] - ORDERS[stated.form]
+        said = dict.fromkeys(
+            f"{one.table.unit}{'/' if power > 0 else '*'}s^{abs(power)}" for one in these if one.table.unit
+        )
+        line = " and ".join([f'form = "{other.form}"', *(f'unit = "{unit}"' for unit in said)])
+    else:
+        what = f"the lines are those of the model in {other.frequency_unit} and not in {stated.frequency_unit}"
+        line = f'frequency_unit = "{other.frequency_unit}"'
+    outputs = tuple(dict.fromkeys(o for e in these for o in e.data.outputs))
+    return _mended(case, "fatal", f"{names}: {what}", f"{line} in [[frf]] with file = {files}", outputs)
+
+
+def _residuals(measured: Sequence[_Measured]) -> list[float]:
+    """Return the residual shares of all outputs with enough bands."""
+    return [found.left() for one in measured for found in _bands(one, one.data.outputs)]
+
+
+# ---- outputs exchanged -----------------------------------------------------------------------------------------------
+
+
+def _exchanged(case: Case, measured: Sequence[_Measured]) -> list[Found]:
+    """Return pairs of outputs that show each other's response."""
+    out: list[Found] = []
+    for pair in combinations(dict.fromkeys(o for one in measured for o in one.data.outputs), 2):
+        both = [one for one in measured if set(pair) <= set(one.data.outputs)]
+        if not both or set(pair) & {name for f in out for name in f.channels}:
+            continue
+        before = [max(_left(both, name, name), default=0.0) for name in pair]
+        crossed = _left(both, *pair) + _left(both, *pair[::-1])
+        if crossed and min(before) > SLACK and max(crossed) <= SMALLER * min(before):
+            text = f"the responses of {pair[0]} and {pair[1]} show each other's motion, as if they were exchanged"
+            line = f"{pair[0]} in place of {pair[1]}, and {pair[1]} in place of {pair[0]}, in every [[frf]]"
+            out.append(_mended(case, "fatal", text, line, pair))
+    return out
+
+
+def _left(measured: Sequence[_Measured], output: str, other: str) -> list[float]:
+    """Return the residual shares of an output beside the model's response of another one."""
+    crossed = [
+        replace(
+            one,
+            own=one.own[
+                :, [one.data.outputs.index(other) if o == output else k for k, o in enumerate(one.data.outputs)]
+            ],
+        )
+        for one in measured
+    ]
+    return [found.left() for one in crossed for found in _bands(one, (output,))]
 
 
 # ---- signs and units ------------------------------------------------------------------------------------------------
@@ -166,21 +278,22 @@ def _slip(case: Case, measured: Sequence[_Measured], group: _Group) -> Found | N
         form, said = described.pop()
         si = FORM_UNITS[form]
         unit = slip_of_unit(beside, {u: 1.0 / ratio for u, ratio in units.mistaken(said or si, si).items()})
-    if unit is not None:
+    if unit is not None and (unit[1] > 0.0 or is_turned(beside)):  # beyond a resonance the sign turns as well
         name, factor = unit
         is_line = factor > 0.0 and "channel" not in group.where
         line = f'unit = "{name}"' if is_line else f"scale = {1.0 / factor:.12g}"
         size = float(np.exp(np.median([np.median(b.log_ratio) for b in beside])))
         text = f"{group.what} are {np.sign(factor) * size:.4g} times what the model gives, as if in {name} and not in {said or si}"
-        return _mended(case, "fatal", text, f"{line} in {group.where}", group)
+        return _mended(case, "fatal", text, f"{line} in {group.where}", group.outputs)
     if not is_turned(beside):
         return None
     text = f"{group.what} have the sign turned beside the model in all bands"
-    return _mended(case, "warning", text, f"scale = -1 in {group.where}", group)
+    return _mended(case, "warning", text, f"scale = -1 in {group.where}", group.outputs)
 
 
-def _mended(case: Case, severity: Severity, text: str, line: str, group: _Group) -> Found:
-    return Found(severity=severity, text=f"{text}; to mend it, say in {case.path.name}: {line}", channels=group.outputs)
+def _mended(case: Case, severity: Severity, text: str, line: str, outputs: tuple[str, ...]) -> Found:
+    words = f"{text}; to mend it, say in {case.path.name}: {line}"
+    return Found(severity=severity, text=words, channels=outputs, mend=line)
 
 
 def _bands(one: _Measured, outputs: Sequence[str]) -> list[Bands]:
