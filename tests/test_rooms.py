@@ -106,6 +106,39 @@ def test_the_diagnosis_has_few_modules_outside_its_packages():
     assert len(list((ROOT / "vlab" / "diagnose").glob("*.py"))) <= 10
 
 
+MOST_LINES_OF_MODULE, MOST_LINES_OF_FUNCTION = 500, 80
+"""Longest module of the diagnosis, and longest function without its docstring [lines]."""
+LONG_FUNCTIONS = {
+    "vlab.diagnose.kernels.expression_graph.integrate_with_laws",
+    "vlab.diagnose.predictors.trajectory_integration._integrate",
+}
+"""Longer functions: compiled loops over all samples, which are slower in parts."""
+
+
+def length_without_docstring(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Return the lines of a function from its `def` to its end, less those of its docstring."""
+    first = function.body[0]
+    is_doc = (
+        isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and isinstance(first.value.value, str)
+    )
+    return function.end_lineno - function.lineno + 1 - (first.end_lineno - first.lineno + 1 if is_doc else 0)
+
+
+def test_modules_and_functions_of_the_diagnosis_are_short():
+    long_modules, long_functions = [], set()
+    for name, path in modules():
+        if name.split(".")[:2] != ["vlab", "diagnose"]:
+            continue
+        if len(path.read_text(encoding="utf-8").splitlines()) > MOST_LINES_OF_MODULE:
+            long_modules.append(name)
+        functions = [f for f in ast.walk(parsed(path)) if isinstance(f, (ast.FunctionDef, ast.AsyncFunctionDef))]
+        long_functions |= {
+            f"{name}.{f.name}" for f in functions if length_without_docstring(f) > MOST_LINES_OF_FUNCTION
+        }
+    assert not long_modules
+    assert long_functions == LONG_FUNCTIONS
+
+
 GENERATOR = "vlab.proof.generator"
 FOREIGN = ("vlab.fe", "vlab.plants", "vlab.physics", "vlab.diagnose", "vlab.cases", "vlab.lab", "mujoco")
 """What the diagnosis knows of structures and laws, and the hidden truth must not come from."""

@@ -8,12 +8,8 @@ import pytest
 from vlab.diagnose.parameters.mjcf import adjusted, common_scale, redundant, stiffness_of, uncertain_parameters
 from vlab.diagnose.parameters.observation import ChannelRows
 from vlab.diagnose.parameters.reduced_model import observable
-from vlab.diagnose.parameters.structure import (
-    common_scale_of_structure,
-    damping_of_structure,
-    edited,
-    structure_parameters,
-)
+from vlab.diagnose.parameters.structure import edited, structure_parameters
+from vlab.diagnose.parameters.structure_sensitivity import common_scale_of_structure, damping_of_structure
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
 from vlab.plants.mjcf import build_mjcf

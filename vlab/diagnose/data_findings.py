@@ -1,6 +1,7 @@
 """Findings from the data alone: limits, quantisation, interference, data quality, offsets."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -10,17 +11,12 @@ from vlab.diagnose.data.noise import noise_levels, noise_notes
 from vlab.diagnose.data.quality import DataQuality, SensorLimit, sensor_limits
 from vlab.diagnose.data.quantisation import SensorStep, sensor_steps
 from vlab.diagnose.diagnosis import Finding
-from vlab.diagnose.findings import (
-    finding_of_interference,
-    finding_of_limit,
-    finding_of_offset,
-    finding_of_step,
-    finding_of_stop,
-)
+from vlab.diagnose.findings import command_unit
 from vlab.diagnose.inference.sensor_offset import SensorOffset
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.settings import DATA_FINDINGS
+from vlab.diagnose.settings import DATA_FINDINGS, EVIDENCE, FINDINGS
 from vlab.diagnose.validation.simulation import ExtendedModel
+from vlab.physics.catalogue import EFFECTS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,3 +139,135 @@ def look_at_data(problem: Problem, damage: DataQuality) -> DataFindings:
         damage=damage,
         noise=tuple(noise_notes(runs, problem.names)),
     )
+
+
+def finding_of_limit(limit: CommandLimit, problem: Problem) -> Finding:
+    """Return the finding of a command limit.
+
+    Parameters
+    ----------
+    limit : CommandLimit
+        Limit.
+    problem : Problem
+        Problem with the law.
+
+    Returns
+    -------
+    Finding
+        Finding.
+    """
+    law = next(run.law for run in problem.runs if run.law is not None)
+    effect = EFFECTS["actuator-clipping"]
+    index = problem.plant.actuator_index(limit.actuator)
+    unit = command_unit(problem, index)
+    scale = float(law.per_actuator[list(law.actuators).index(index)])
+    value, spread = limit.limit * scale, 1.645 * limit.sd * scale
+    told = "the law receives the limited command" if limit.is_known else "the law does not know of it"
+    # odds of the replay errors, at the effective sample size of every score
+    odds = (limit.after / limit.before) ** EVIDENCE.model_error_samples
+    return Finding(
+        effect=effect.name,
+        form=effect.name,
+        family=effect.family,
+        place=f"actuator:{limit.actuator}",
+        places_90=(f"actuator:{limit.actuator}",),
+        probability=1.0 / (1.0 + odds),
+        alike=(effect.name,),
+        parameters={"limit": {"value": value, "unit": unit, "ci90": [value - spread, value + spread]}},
+        law=effect.law,
+        words=f"{effect.words}; the replayed law misses the recorded commands by {100 * limit.before:.0f} % without it and "
+        f"{100 * limit.after:.0f} % with it, and {told}",
+    )
+
+
+def finding_of_interference(interference: MainsInterference, unit: str) -> Finding:
+    """Return the finding of mains interference on a sensor.
+
+    Parameters
+    ----------
+    interference : MainsInterference
+        Interference.
+    unit : str
+        Unit of the channel.
+
+    Returns
+    -------
+    Finding
+        Finding.
+    """
+    lines = " and ".join(f"{k * interference.frequency:.2f} Hz" for k in interference.harmonics)
+    words = f"at {lines}, {100 * interference.share:.2g} % of the channel's rms, steady, at a phase of its own in every recording"
+    parameters = {
+        "amplitude": _known(np.sqrt(2) * interference.rms, 0.05, unit),
+        "frequency": _known(interference.frequency, 1e-3, "Hz"),
+    }
+    return _seen("mains-hum", interference.channel, parameters, words)
+
+
+def finding_of_stop(stop: SensorLimit, unit: str) -> Finding:
+    """Return the finding of a sensor's range limit."""
+    words = f"{100 * stop.share:.2g} % of its samples stand at exactly that value"
+    return _seen("sensor-clipping", stop.channel, {"limit": _known(stop.limit, 1e-3, unit)}, words)
+
+
+def finding_of_step(step: SensorStep, unit: str) -> Finding:
+    """Return the finding of a coarsely quantised sensor.
+
+    Parameters
+    ----------
+    step : SensorStep
+        Quantisation.
+    unit : str
+        Unit of the channel.
+
+    Returns
+    -------
+    Finding
+        Finding.
+    """
+    spread = 1.645 * step.sd
+    interval = [step.step - spread, step.step + spread]
+    parameters = {"step": {"value": step.step, "unit": unit, "ci90": interval}}
+    words = f"its values stand on steps of {100 * step.share:.2g} % of its rms"
+    return _seen("sensor-quantisation", step.channel, parameters, words)
+
+
+def finding_of_offset(offset: SensorOffset, unit: str) -> Finding:
+    """Return the finding of a sensor offset.
+
+    Parameters
+    ----------
+    offset : SensorOffset
+        Offset.
+    unit : str
+        Unit of the channel.
+
+    Returns
+    -------
+    Finding
+        Finding.
+    """
+    spread = 1.645 * offset.sd
+    interval = [offset.offset - spread, offset.offset + spread]
+    parameters = {"offset": {"value": offset.offset, "unit": unit, "ci90": interval}}
+    return _seen("sensor-offset", offset.channel, parameters, "the fit to all recordings puts the offset there")
+
+
+def _seen(name: str, channel: str, parameters: dict[str, dict[str, Any]], words: str) -> Finding:
+    effect, place = EFFECTS[name], f"sensor:{channel.removeprefix('sensor:')}"
+    return Finding(
+        effect=name,
+        form=name,
+        family=effect.family,
+        place=place,
+        places_90=(place,),
+        probability=FINDINGS.seen,
+        alike=(name,),
+        parameters=parameters,
+        law=effect.law,
+        words=f"{effect.words}; {words}",
+    )
+
+
+def _known(value: float, share: float, unit: str) -> dict[str, Any]:
+    return {"value": float(value), "unit": unit, "ci90": [float(value * (1 - share)), float(value * (1 + share))]}

@@ -8,21 +8,14 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.cases.channel_map import Run
-from vlab.diagnose.data.command_limit import CommandLimit
-from vlab.diagnose.data.mains_interference import MainsInterference
-from vlab.diagnose.data.quality import SensorLimit
-from vlab.diagnose.data.quantisation import SensorStep
 from vlab.diagnose.diagnosis import NAMING, Finding, Verdict
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.inference.parameter_vector import is_logarithm
-from vlab.diagnose.inference.sensor_offset import SensorOffset
 from vlab.diagnose.parameters.locations import Place, reported_name
 from vlab.diagnose.parameters.terms import Fit, Term
-from vlab.diagnose.problem import Problem
-from vlab.diagnose.settings import EVIDENCE, FINDINGS
+from vlab.diagnose.settings import FINDINGS
 from vlab.diagnose.validation.gap import Distance
-from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Effect, Parameter, PickUp
 from vlab.plants.base import Plant
 from vlab.units import ANGULAR
@@ -57,45 +50,6 @@ class Reportable(Protocol):
     @property
     def excited(self) -> tuple[int | None, ...]:
         """Actuators whose inputs are recorded; None for a force at a port."""
-
-
-def finding_of_limit(limit: CommandLimit, problem: Problem) -> Finding:
-    """Return the finding of a command limit.
-
-    Parameters
-    ----------
-    limit : CommandLimit
-        Limit.
-    problem : Problem
-        Problem with the law.
-
-    Returns
-    -------
-    Finding
-        Finding.
-    """
-    law = next(run.law for run in problem.runs if run.law is not None)
-    effect = EFFECTS["actuator-clipping"]
-    index = problem.plant.actuator_index(limit.actuator)
-    unit = command_unit(problem, index)
-    scale = float(law.per_actuator[list(law.actuators).index(index)])
-    value, spread = limit.limit * scale, 1.645 * limit.sd * scale
-    told = "the law receives the limited command" if limit.is_known else "the law does not know of it"
-    # odds of the replay errors, at the effective sample size of every score
-    odds = (limit.after / limit.before) ** EVIDENCE.model_error_samples
-    return Finding(
-        effect=effect.name,
-        form=effect.name,
-        family=effect.family,
-        place=f"actuator:{limit.actuator}",
-        places_90=(f"actuator:{limit.actuator}",),
-        probability=1.0 / (1.0 + odds),
-        alike=(effect.name,),
-        parameters={"limit": {"value": value, "unit": unit, "ci90": [value - spread, value + spread]}},
-        law=effect.law,
-        words=f"{effect.words}; the replayed law misses the recorded commands by {100 * limit.before:.0f} % without it and "
-        f"{100 * limit.after:.0f} % with it, and {told}",
-    )
 
 
 def findings_of_terms(choice: Choice, fit: Fit, problem: Reportable) -> list[Finding]:
@@ -425,96 +379,3 @@ def _most(places: dict[str, float]) -> tuple[str, ...]:
         if held >= 0.9:
             break
     return tuple(out)
-
-
-def finding_of_interference(interference: MainsInterference, unit: str) -> Finding:
-    """Return the finding of mains interference on a sensor.
-
-    Parameters
-    ----------
-    interference : MainsInterference
-        Interference.
-    unit : str
-        Unit of the channel.
-
-    Returns
-    -------
-    Finding
-        Finding.
-    """
-    lines = " and ".join(f"{k * interference.frequency:.2f} Hz" for k in interference.harmonics)
-    words = f"at {lines}, {100 * interference.share:.2g} % of the channel's rms, steady, at a phase of its own in every recording"
-    parameters = {
-        "amplitude": _known(np.sqrt(2) * interference.rms, 0.05, unit),
-        "frequency": _known(interference.frequency, 1e-3, "Hz"),
-    }
-    return _seen("mains-hum", interference.channel, parameters, words)
-
-
-def finding_of_stop(stop: SensorLimit, unit: str) -> Finding:
-    """Return the finding of a sensor's range limit."""
-    words = f"{100 * stop.share:.2g} % of its samples stand at exactly that value"
-    return _seen("sensor-clipping", stop.channel, {"limit": _known(stop.limit, 1e-3, unit)}, words)
-
-
-def finding_of_step(step: SensorStep, unit: str) -> Finding:
-    """Return the finding of a coarsely quantised sensor.
-
-    Parameters
-    ----------
-    step : SensorStep
-        Quantisation.
-    unit : str
-        Unit of the channel.
-
-    Returns
-    -------
-    Finding
-        Finding.
-    """
-    spread = 1.645 * step.sd
-    interval = [step.step - spread, step.step + spread]
-    parameters = {"step": {"value": step.step, "unit": unit, "ci90": interval}}
-    words = f"its values stand on steps of {100 * step.share:.2g} % of its rms"
-    return _seen("sensor-quantisation", step.channel, parameters, words)
-
-
-def finding_of_offset(offset: SensorOffset, unit: str) -> Finding:
-    """Return the finding of a sensor offset.
-
-    Parameters
-    ----------
-    offset : SensorOffset
-        Offset.
-    unit : str
-        Unit of the channel.
-
-    Returns
-    -------
-    Finding
-        Finding.
-    """
-    spread = 1.645 * offset.sd
-    interval = [offset.offset - spread, offset.offset + spread]
-    parameters = {"offset": {"value": offset.offset, "unit": unit, "ci90": interval}}
-    return _seen("sensor-offset", offset.channel, parameters, "the fit to all recordings puts the offset there")
-
-
-def _seen(name: str, channel: str, parameters: dict[str, dict[str, Any]], words: str) -> Finding:
-    effect, place = EFFECTS[name], f"sensor:{channel.removeprefix('sensor:')}"
-    return Finding(
-        effect=name,
-        form=name,
-        family=effect.family,
-        place=place,
-        places_90=(place,),
-        probability=FINDINGS.seen,
-        alike=(name,),
-        parameters=parameters,
-        law=effect.law,
-        words=f"{effect.words}; {words}",
-    )
-
-
-def _known(value: float, share: float, unit: str) -> dict[str, Any]:
-    return {"value": float(value), "unit": unit, "ci90": [float(value * (1 - share)), float(value * (1 + share))]}

@@ -13,8 +13,8 @@ from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, common_scale, redundant, unused
 from vlab.diagnose.parameters.reduced_model import ReducedModel
-from vlab.diagnose.parameters.structure import (
-    adjusted_structure,
+from vlab.diagnose.parameters.structure import adjusted_structure
+from vlab.diagnose.parameters.structure_sensitivity import (
     common_scale_of_structure,
     frequencies_of_reduced_model,
 )

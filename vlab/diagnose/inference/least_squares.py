@@ -14,25 +14,19 @@ from dataclasses import replace
 from functools import cached_property, partial
 
 import numpy as np
-from scipy import linalg
 
 from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.inference.descent import descend
 from vlab.diagnose.inference.evidence import effective_sample_size
-from vlab.diagnose.inference.impedance_scale import exponent, motion_scale
-from vlab.diagnose.inference.jacobian import (
-    by_period,
-    differences_by_strength,
-    forward_differences,
-    is_nonsmooth,
-    update_broyden,
-    with_scale,
-)
-from vlab.diagnose.inference.parameter_vector import ParameterVector, bounded_step, is_logarithm, limits_of
+from vlab.diagnose.inference.fit_at_optimum import fit_at
+from vlab.diagnose.inference.identifiable_subspace import identifiable_subspace
+from vlab.diagnose.inference.parameter_vector import ParameterVector, limits_of
 from vlab.diagnose.inference.score_test import ScoreTest
-from vlab.diagnose.parameters.terms import Candidate, Fit, Term, of_element
-from vlab.diagnose.predictors.modal import channels, mix
+from vlab.diagnose.inference.starting_vectors import starting_vectors
+from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.predictors.modal import channels, mix, sense
 from vlab.diagnose.settings import EVIDENCE, FIT, PROBLEM, RUNS
-from vlab.physics.effect import SETTLING, PickUp, SensorEffect
+from vlab.physics.effect import PickUp, SensorEffect
 from vlab.signals import Array
 
 
@@ -123,21 +117,10 @@ class LeastSquares:
                 columns = ((part[:, 1:] - part[:, :1]) / FIT.probe).transpose(0, 2, 1).reshape(-1, n)
                 gram += columns.T @ columns
                 samples += run.y.size
-        scale = self._common_scale()
-        unknown = np.vstack([self.problem.redundant, *([] if scale is None else [scale])])
-        if len(unknown):  # apparent information there is derivative error
-            known = linalg.null_space(unknown)
-            gram = known @ (known.T @ gram @ known) @ known.T
-        size, vectors = np.linalg.eigh(gram / samples)
-        order = np.argsort(-size)[: FIT.most_directions]
-        keep = order[np.sqrt(np.maximum(size[order], 0.0)) > FIT.informed]
-        self.unidentifiable = sd[:, None] * np.delete(vectors, keep, axis=1)
-        return np.asarray(sd[:, None] * vectors[:, keep])
-
-    def _common_scale(self) -> Array | None:
-        """Return the common scale (n_changes,) in standard deviations, or None."""
         scale = self.problem.common_scale
-        return None if scale is None else np.asarray(scale / self.reduced_model.prior)
+        unknown = np.vstack([self.problem.redundant, *([] if scale is None else [np.asarray(scale / sd)])])
+        informed, self.unidentifiable = identifiable_subspace(gram, samples, sd, unknown)
+        return informed
 
     def _initial_condition_nuisance(self) -> dict[int, tuple[Array, Array, Array]]:
         """Return every window's free responses, their solver, and the start's spread.
@@ -268,21 +251,8 @@ class LeastSquares:
         given: Mapping[str, Array],
         runs: Sequence[Signals],
     ) -> None:
-        """Apply a sensor effect to its channel, by set and run.
-
-        A window needs the motion before its start for a sensor with dynamics. An odd extension replaces unknown motion.
-        """
-        for s in range(y.shape[1]):
-            p = {k: float(v[s]) for k, v in given.items()}
-            for j, run in enumerate(runs):
-                column, before = y[:, s, j, index], y[:0, s, j, index]
-                if run.shown is not None and len(run.shown):
-                    before = gains[s, index] * run.shown[-effect.settling_samples(p, run.h) :, index]
-                elif not run.at_rest:
-                    before = 2.0 * column[0] - column[SETTLING:0:-1]
-                lead = len(before)
-                t = run.t0 + np.arange(-lead, len(y)) * run.h
-                y[:, s, j, index] = effect.sense(np.concatenate([before, column]), p, run.h, t)[lead:]
+        """Apply a sensor effect to its channel, in place."""
+        sense(y, effect, index, gains, given, runs)
 
     # ---- fitting ----------------------------------------------------------------------------------------------------
 
@@ -318,15 +288,15 @@ class LeastSquares:
             Fit of least negative log posterior.
         """
         vector = self.vector(terms)
-        first, *others = self._starts(vector, start, thetas)
-        best = self._descend(vector, first, iterations, tolerance)
+        first, *others = starting_vectors(self, vector, start, thetas)
+        best = self.descend(vector, first, iterations, tolerance)
         samples = sum(run.y.size for run in self.runs)
         for x in (
             others
         ):  # further starts only where the first one missed the noise level, or ended far from the prior means
             if best.cost < FIT.explained * samples and best.chi2 - best.cost < FIT.distant * vector.r:
                 break
-            best = min(best, self._descend(vector, x, iterations, tolerance), key=self.negative_log_posterior)
+            best = min(best, self.descend(vector, x, iterations, tolerance), key=self.negative_log_posterior)
         return best
 
     def cheapest(self, term: Term, values: Sequence[Mapping[str, float]], start: Fit) -> tuple[float, Term]:
@@ -350,7 +320,7 @@ class LeastSquares:
         """
         terms = [replace(term, values=dict(own)) for own in values]
         vector = self.vector(terms[:1])
-        costs = self._costs(vector, np.array([self.initial(vector, [own], start.theta, start) for own in values]))
+        costs = self.costs(vector, np.array([self.initial(vector, [own], start.theta, start) for own in values]))
         best = int(np.argmin(costs))
         return float(costs[best]), terms[best]
 
@@ -361,170 +331,41 @@ class LeastSquares:
         """
         return self.effective_share * float(np.log(max(fit.cost, 1e-300))) + fit.chi2 - fit.cost
 
-    def _descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = FIT.near_enough) -> Fit:
-        damping, raw = 1e-3, self.residual(vector, x[None])[0]
-        if not x.size:  # without identifiable parameters there is nothing to fit
-            return self._result(vector, x, raw, np.zeros((0, 0)))
-        slopes, age = np.zeros((raw.size, x.size)), FIT.reused
-        small, done, last = 0, -1, iterations
-        while (done := done + 1) < last:
-            shapes_too = done >= FIT.frozen or iterations <= FIT.frozen
-            weight = self._weight(vector, raw)
-            best = raw * weight
-            cost = float(best @ best)
-            if age >= FIT.reused:
-                slopes, age = forward_differences(self, vector, x, raw), 0
-            normal, gradient = self._normal(vector, slopes, weight), slopes.T @ (weight * best)
-            if not shapes_too:
-                still = vector.shapes
-                normal[still], normal[:, still], gradient[still] = 0.0, 0.0, 0.0
-            scale = np.diag(normal) + 1e-12 * max(float(np.diag(normal).max()), 1.0)
-            lams = damping * np.array([1.0, 1e2, 1e5])
-            room = vector.room(x)
-            steps = [-bounded_step(normal + np.diag(lam * scale), gradient, room) for lam in (FIT.undamped, *lams)]
-            trials = x - np.array([*(part * steps[0] for part in FIT.parts), *steps[1:]])
-            if is_nonsmooth(vector):
-                trials = np.vstack([trials, self._rescaled(vector, x)])
-            trials = vector.bounded(trials)
-            residuals = self.residual(vector, trials)
-            costs = np.einsum("ij,ij->i", residuals * weight, residuals * weight)
-            pick = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
-            if not costs[pick] < cost:
-                if age:  # an old Jacobian is renewed before smaller steps
-                    age = FIT.reused
-                    continue
-                damping *= 1e4
-                if damping > 1e6:
-                    break
-                continue
-            small = small + 1 if costs[pick] > cost - tolerance else 0
-            step, change = trials[pick] - x, residuals[pick] - raw
-            promised = -float(step @ (2.0 * gradient + normal @ step))
-            slopes = update_broyden(slopes, step, change)
-            age = age + 1 if cost - costs[pick] > 0.5 * promised else FIT.reused
-            x, raw = trials[pick], residuals[pick]
-            is_damped = len(FIT.parts) <= pick < len(FIT.parts) + len(lams)
-            damping = max(0.1 * (lams[pick - len(FIT.parts)] if is_damped else damping), 1e-8)
-            is_cheap = (
-                cost - costs[pick] < FIT.cheaper
-            )  # from here the uncertain parameters no longer approach their prior means
-            if small >= 2 and shapes_too:
-                break
-            if tolerance <= FIT.exact:
-                continue
-            if is_cheap and self._is_noise(vector, raw):
-                break
-            if not is_cheap and not self.is_rough and np.mean(raw[vector.priors :] ** 2) < FIT.explained:
-                last = min(max(last, done + 2), iterations + FIT.more)
-        if tolerance <= FIT.exact:  # an updated Jacobian suffices for steps, not for intervals
-            vector, x, raw = self._with_unidentifiable(vector, x, raw)
-            slopes = forward_differences(self, vector, x, raw)
-            for _ in range(FIT.passes):
-                slopes = differences_by_strength(self, vector, x, raw, slopes)
-            common = self._common_scale()
-            if common is not None:
-                slopes = with_scale(vector, x, slopes, common)
-        return self._result(vector, x, raw, self._normal(vector, slopes, self._weight(vector, raw)))
+    def descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = FIT.near_enough) -> Fit:
+        """Fit a hypothesis from one start.
 
-    def _rescaled(self, vector: ParameterVector, x: Array) -> Array:
-        """Return a vector with the motion scale of largest prior density."""
-        direction, ours = vector.project(motion_scale(self.problem)), slice(0, vector.r)
-        grown = -float(direction @ x[ours]) / max(float(direction @ direction), 1e-12)
-        out = x.copy()
-        out[ours] += grown * direction
-        out[vector.priors : vector.first_effect] *= np.exp(grown)
-        for k, (i, parameter) in enumerate(vector.parameters, start=vector.first_effect):
-            power = grown * exponent(vector.terms[i].effect, parameter)
-            out[k] = out[k] + power if is_logarithm(parameter) else out[k] * np.exp(power)
-        return out
+        A model class whose residual depends on the start overrides the method.
 
-    def _normal(self, vector: ParameterVector, slopes: Array, weight: Array) -> Array:
-        """Return the weighted normal matrix of priors and data."""
-        ours, data = slopes[: vector.priors], slopes[vector.priors :]
-        return np.asarray(weight[0] ** 2 * ours.T @ ours + weight[-1] ** 2 * (data.T @ data))
+        Parameters
+        ----------
+        vector : ParameterVector
+            Meaning of the entries.
+        x : (n,) array
+            Start.
+        iterations : int
+            Most iterations.
+        tolerance : float
+            Cost decrease [nat] below which two successive steps end the fit.
 
-    def _with_unidentifiable(
-        self, vector: ParameterVector, x: Array, raw: Array
-    ) -> tuple[ParameterVector, Array, Array]:
-        """Return vector and residual with the unidentifiable directions added.
-
-        A common change of gains and impedances moves no channel, but every estimated force.
+        Returns
+        -------
+        Fit
+            Fit.
         """
-        wide = replace(vector, directions=np.hstack([vector.directions, self.unidentifiable]))
-        none = np.zeros(wide.r - vector.r)
-        return wide, np.insert(x, vector.r, none), np.insert(raw, vector.r, none)
+        optimum = descend(self, vector, x, iterations, tolerance)
+        theta, offsets, starts, values = self._unpacked(optimum.vector, optimum.x[None])
+        return fit_at(
+            optimum,
+            self.runs,
+            self.sigma,
+            theta=theta[0],
+            offsets=offsets[0],
+            starts={self.runs[i].name: starts[0, i] for i in self._free},
+            values=[{k: float(v[0]) for k, v in own.items()} for own in values],
+        )
 
-    def _is_noise(self, vector: ParameterVector, raw: Array) -> bool:
-        """Return whether every run's residual is at noise level.
-
-        The runs together may be while the loudest is not: most samples of an impact test belong to the decay.
-        """
-        at = vector.priors
-        for size in (self.runs[i].y.size for i in by_period(self.runs)):
-            if np.mean(raw[at : at + size] ** 2) > FIT.noise + 4.0 * np.sqrt(
-                2.0 / size
-            ):  # four standard deviations of the mean square
-                return False
-            at += size
-        return True
-
-    def _weight(self, vector: ParameterVector, raw: Array) -> Array:
-        """Return weights that reduce the data to their effective sample size.
-
-        The scale of the residual is estimated, so the priors stay active under any wrong hypothesis.
-        """
-        priors = vector.priors
-        effective_samples = self.effective_share / max(raw.size - priors, 1)
-        spread = max(float(np.mean(raw[priors:] ** 2)), 1.0)
-        out = np.full(raw.size, np.sqrt(effective_samples / spread))
-        out[:priors] = 1.0
-        return out
-
-    def _starts(self, vector: ParameterVector, start: Fit | None, thetas: Sequence[Array]) -> list[Array]:
-        """Return starting vectors: the screening's estimate, and a fit with small new terms."""
-        terms = vector.terms
-        known = {} if start is None else {t.label: t for t in start.terms}
-        theta = self.screen.theta if start is None else start.theta
-        if all(t.label in known for t in terms):
-            own = [known[t.label].values for t in terms]
-            return self._ordered(vector, [self.initial(vector, own, x, start) for x in (theta, *thetas)])
-        candidates = [
-            Candidate(effect=t.effect, place=t.place, values=dict(t.values), log_likelihood_gain=0.0) for t in terms
-        ]
-        given = [screen.given(candidates) for screen in (self.screen, *self.screen.slower)]
-        out = [
-            self.initial(vector, values, joint, start)
-            for joint, values in (estimate for g in given for estimate in (g.estimate, g.cautious))
-        ]
-        options = []
-        for size in (1.0, 0.3, 0.05):
-            small = [{p.name: t.values[p.name] * size for p in t.effect.amplitudes} for t in terms]
-            own = [
-                known[t.label].values if t.label in known else {**t.values, **less}
-                for t, less in zip(terms, small, strict=True)
-            ]
-            options.append(self.initial(vector, own, theta, start))
-        natural = [known.get(term.label, of_element(term)) for term in terms]
-        if any(there is not here for there, here in zip(natural, terms, strict=True)):
-            options.append(self.initial(vector, [t.values for t in natural], theta, start))
-        X = np.array([*out, *options])
-        costs = self._costs(vector, X)
-        together, apart = int(np.argmin(costs[: len(out)])), len(out) + int(np.argmin(costs[len(out) :]))
-        first = [X[together], X[apart]] if costs[together] <= costs[apart] else [X[apart], X[together]]
-        if start is None or start.chi2 - start.cost < FIT.distant * vector.r:
-            return first
-        # far from its priors the other fit has absorbed the missing physics
-        own = [known.get(term.label, term).values for term in terms]
-        return [*first, self.initial(vector, own, np.zeros_like(theta), start)]
-
-    def _ordered(self, vector: ParameterVector, starts: list[Array]) -> list[Array]:
-        """Return starts in order of cost; with a law the best alone."""
-        if len(starts) == 1:
-            return starts
-        costs = self._costs(vector, np.array(starts))
-        return [starts[i] for i in np.argsort(costs, kind="stable")][: 1 if vector.terms else None]
-
-    def _costs(self, vector: ParameterVector, X: Array) -> Array:
+    def costs(self, vector: ParameterVector, X: Array) -> Array:
+        """Return the costs (n_sets,) of parameter vectors (n_sets, n), with priors."""
         residuals = self.residual(vector, X)
         return np.asarray(np.einsum("ij,ij->i", residuals, residuals))
 
@@ -647,43 +488,6 @@ class LeastSquares:
                     moved_at += moved.shape[1]
         _cut_off(out)
         return out
-
-    def _result(self, vector: ParameterVector, x: Array, residual: Array, normal: Array) -> Fit:
-        theta, offsets, starts, values = self._unpacked(vector, x[None])
-        terms = vector.terms
-        h = max(run.h for run in self.runs)
-        fitted = tuple(
-            replace(term, values=term.effect.taken({k: float(v[0]) for k, v in own.items()}, h))
-            for term, own in zip(terms, values, strict=True)
-        )
-        priors = vector.priors
-        at, error = priors, [np.zeros(0)] * len(self.runs)
-        for i in by_period(self.runs):
-            run = self.runs[i]
-            part = residual[at : at + run.y.size].reshape(run.y.shape) * self.sigma[i]
-            error[i] = np.sqrt(np.mean(part**2, axis=0)) / run.scale
-            at += run.y.size
-        data = float(residual[priors:] @ residual[priors:])
-        size = np.sqrt(np.diag(normal))  # a gap in metres must not push all others below the cutoff
-        size = np.where(size > 0, size, 1.0)
-        scaled = normal / np.outer(size, size) + 1e-12 * np.eye(len(size))
-        covariance = np.linalg.pinv(scaled, hermitian=True) / np.outer(size, size)
-        sd = {}
-        for k, (i, p) in enumerate(vector.parameters, start=vector.first_effect):
-            spread = float(np.sqrt(max(covariance[k, k], 0.0)))
-            relative = spread / max(abs(float(x[k])), 1e-300)
-            is_relative = not (p.signed or is_logarithm(p))
-            sd[f"{terms[i].label}:{p.name}"] = p.grain or (relative if is_relative else spread)
-        return Fit(
-            terms=fitted,
-            theta=theta[0],
-            offsets=offsets[0],
-            starts={self.runs[i].name: starts[0, i] for i in self._free},
-            error=np.array(error),
-            chi2=float(residual @ residual),
-            cost=data,
-            sd=sd,
-        )
 
 
 def _cut_off(residual: Array) -> None:

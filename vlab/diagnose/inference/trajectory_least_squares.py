@@ -15,13 +15,14 @@ from scipy.interpolate import CubicSpline
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.parameter_vector import ParameterVector
-from vlab.diagnose.inference.trajectory_score_test import Lines, TrajectoryScoreTest
+from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import relative_changes
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.predictors.trajectory import pad_and_stack
 from vlab.diagnose.predictors.trajectory_integration import integrate_trajectory, trace_laws
 from vlab.diagnose.predictors.trajectory_laws import Law, Path, path_of
+from vlab.diagnose.predictors.trajectory_lines import Lines
 from vlab.diagnose.settings import FIT, TRAJECTORY, TRAJECTORY_FIT, TRAJECTORY_INTEGRATION
 from vlab.physics.effect import ActuatorEffect, PortEffect, SensorEffect, Step, Values
 from vlab.signals import Array
@@ -162,11 +163,12 @@ class TrajectoryLeastSquares(LeastSquares):
             out[w] = (response, _regularised_inverse(response), np.ones(m2))
         return y[:, 0], out
 
-    def _descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = FIT.near_enough) -> Fit:
+    def descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = FIT.near_enough) -> Fit:
+        """See `LeastSquares`; the starts of whole runs move to the hypothesis' optimum first."""
         theta, offsets, _, values = vector.unpacked(x[None])
         own = [{k: float(v[0]) for k, v in p.items()} for p in values]
         self.move_starts(vector.terms, theta[0], own, offsets[0])
-        return super()._descend(vector, x, iterations, tolerance)
+        return super().descend(vector, x, iterations, tolerance)
 
     def move_starts(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, float]], offsets: Array

@@ -7,17 +7,17 @@ import copy
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-import mujoco
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.score_test import ScoreTest
+from vlab.diagnose.inference.screening_cache import ScreeningCache
 from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import Uncertain
 from vlab.diagnose.parameters.reduced_model import Discrete
 from vlab.diagnose.predictors.innovations import Cause, Group
+from vlab.diagnose.predictors.inverse_dynamics import changed_models, forces_of_change, middle_of_steps
 from vlab.diagnose.predictors.kalman import FilterGains as SteadyGains
 from vlab.diagnose.predictors.kalman import Smoothed, stack_runs
 from vlab.diagnose.predictors.limited_actuator import LimitedActuator, limited_actuator
@@ -34,32 +34,15 @@ from vlab.diagnose.predictors.trajectory import (
     smoothed_motions,
 )
 from vlab.diagnose.predictors.trajectory_data import with_signals
+from vlab.diagnose.predictors.trajectory_lines import Lines, lines_along
 from vlab.diagnose.predictors.trajectory_problem import Trajectories
 from vlab.diagnose.predictors.unit_effects import commands_changed, unit_amplitudes
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import KERNELS, TRAJECTORY_SCORE_TEST
 from vlab.physics.attach import port_at
 from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PortEffect, SensorEffect, Step
-from vlab.plants.base import Plant, Port
-from vlab.plants.mjcf import AXES
+from vlab.plants.base import Plant
 from vlab.signals import Array
-
-
-class Lines:
-    """Jacobian rows of a location along the motions of all runs.
-
-    Parameters
-    ----------
-    rows : (k, n, n_runs, nv) array
-        Rows of the location's coordinates at the samples.
-    z : (k, n, n_runs) array
-        Coordinates from rest.
-    weight : (k,) array
-        Gravity along the coordinates [m/s^2], where added mass has weight; otherwise 0.
-    """
-
-    def __init__(self, rows: Array, z: Array, weight: Array) -> None:
-        self.rows, self.z, self.weight = rows, z, weight
 
 
 class TrajectoryScoreTest(ScoreTest):
@@ -102,7 +85,7 @@ class TrajectoryScoreTest(ScoreTest):
         self.runs = list(problem.signals)
         self.motions, self.near = list(moving.motions), None
         self.lines: dict[str, Lines] = {}
-        self._cache, self._integrated, self._spectra, self._tones, self._scans = {}, {}, None, {}, {}
+        self._cache = ScreeningCache()
         self.theta = np.zeros(len(self.reduced_model.changes))
         self._along(1)
 
@@ -120,8 +103,7 @@ class TrajectoryScoreTest(ScoreTest):
             Screening.
         """
         other = copy.copy(self)
-        other.trust, other._cache, other._integrated = trust, {}, {}
-        other._spectra, other._tones, other._scans = None, {}, {}
+        other.trust, other._cache = trust, ScreeningCache()
         other._linearise()
         return other
 
@@ -152,8 +134,7 @@ class TrajectoryScoreTest(ScoreTest):
             self.moving.trajectories, self.motions, self.stepper, self.moving.driven, passes, self.near
         )
         self.motions = [system.motion for system in self.systems]
-        self.lines, self._cache, self._integrated, self._limits = {}, {}, {}, {}
-        self._spectra, self._tones, self._scans = None, {}, {}
+        self.lines, self._limits, self._cache = {}, {}, ScreeningCache()
         self.changes = self._changes()
         self._linearise()
 
@@ -201,7 +182,7 @@ class TrajectoryScoreTest(ScoreTest):
             state = self.L[i] @ state + drive[i]
         return np.asarray(out + s.C @ states)
 
-    def _answer(self, group: Group, place: Place, frequency: Array) -> Array:
+    def force_response(self, group: Group, place: Place, frequency: Array) -> Array:
         """See `ScoreTest`; a time-varying system weights all frequencies equally."""
         return np.ones((len(frequency), self.stack.e.shape[2]))
 
@@ -212,7 +193,7 @@ class TrajectoryScoreTest(ScoreTest):
         plant = self.plant
         middles = [
             (
-                *_middle(self.stepper, a, c.h),
+                *middle_of_steps(self.stepper, a, c.h),
                 c.u @ plant.control_matrix.T,
                 np.zeros((len(c), 0)) if c.act is None else c.act,
             )
@@ -222,8 +203,8 @@ class TrajectoryScoreTest(ScoreTest):
         def column(parameter: Uncertain) -> Array:
             if not (parameter.fields or parameter.shifted):
                 return np.zeros((*self.stack.e.shape[:2], self.reduced_model.m))
-            pair = [_changed(plant, parameter, sign * TRAJECTORY_SCORE_TEST.change) for sign in (1.0, -1.0)]
-            return pad_and_stack([_slope(pair, m, self._stride()) for m in middles])
+            pair = changed_models(plant.model, parameter)
+            return pad_and_stack([forces_of_change(pair, m, self._stride()) for m in middles])
 
         out = np.stack(side_by_side(column, self.problem.parameters), axis=-1)
         for i, change in enumerate(self.reduced_model.changes):
@@ -291,7 +272,7 @@ class TrajectoryScoreTest(ScoreTest):
         if actuator not in self._limits:
             found = []
             for system, trajectory in zip(self.systems, self.moving.trajectories, strict=True):
-                q, v, _ = _middle(self.stepper, system, trajectory.h)
+                q, v, _ = middle_of_steps(self.stepper, system, trajectory.h)
                 found.append(limited_actuator(self.plant, actuator, q, v))
                 if found[-1] is None:
                     break
@@ -303,7 +284,7 @@ class TrajectoryScoreTest(ScoreTest):
         column = list(self.moving.driven).index(actuator)
         return pad_and_stack([a.drives[:, :, column] for a in self.systems])
 
-    def _of_inputs(self, group: Group, runs: Sequence[Signals]) -> Array:
+    def input_difference(self, group: Group, runs: Sequence[Signals]) -> Array:
         """See `ScoreTest`."""
         u, _ = stack_runs(runs, [run.u for run in runs])
         load, _ = stack_runs(runs, [run.load for run in runs])
@@ -312,11 +293,12 @@ class TrajectoryScoreTest(ScoreTest):
         for i in self.moving.driven:
             out += self.driven_force(i) * self.acted(i, (u - group.u)[..., i, None])
         for j, name in enumerate(self.moving.load_ports):
-            rows = self._lines(self.plant.port(name), False).rows
+            rows = lines_along(self.plant, self.systems, self.plant.port(name), is_body=False).rows
             out += rows.sum(axis=0) * (load - given)[..., j, None]
         return out
 
-    def _changed_forces(self, group: Group) -> Array:
+    def changed_forces(self, group: Group) -> Array:
+        """See `ScoreTest`; the forces follow from inverse dynamics."""
         return self.changes
 
     # ---- places along the motion ------------------------------------------------------------------------------------
@@ -324,32 +306,9 @@ class TrajectoryScoreTest(ScoreTest):
     def lines_of(self, place: Place) -> Lines:
         """Return the rows and coordinates of a location along the motion."""
         if place.name not in self.lines:
-            self.lines[place.name] = self._lines(port_at(self.plant, place.name), place.kind == "body")
+            port = port_at(self.plant, place.name)
+            self.lines[place.name] = lines_along(self.plant, self.systems, port, is_body=place.kind == "body")
         return self.lines[place.name]
-
-    def _lines(self, port: Port, is_body: bool) -> Lines:
-        model = self.plant.model
-        ports = (port, *port.more)
-        data, at_rest = mujoco.MjData(model), self.plant.new_data()
-        rest = [p.position(at_rest) for p in ports]
-        if all(p.is_constant for p in ports) and port.name.startswith("joint:"):
-            address = int(model.jnt_qposadr[model.joint(port.name.partition(":")[2]).id])
-            z = pad_and_stack([a.motion.q[:, address] - rest[0] for a in self.systems])
-            return Lines(np.broadcast_to(port.row(at_rest), (1, *z.shape, model.nv)), z[None], np.zeros(1))
-        rows, values = [], []
-        for system in self.systems:
-            own, z = np.zeros((len(system.M), len(ports), model.nv)), np.zeros((len(system.M), len(ports)))
-            for k, q in enumerate(system.motion.q):
-                data.qpos[:] = q
-                mujoco.mj_kinematics(model, data)
-                mujoco.mj_comPos(model, data)
-                mujoco.mj_tendon(model, data)
-                for i, p in enumerate(ports):
-                    own[k, i], z[k, i] = p.row(data), p.position(data) - rest[i]
-            rows.append(own)
-            values.append(z)
-        weight = np.array([model.opt.gravity[i] for i in range(len(AXES))]) if is_body else np.zeros(len(ports))
-        return Lines(np.moveaxis(pad_and_stack(rows), 2, 0), np.moveaxis(pad_and_stack(values), 2, 0), weight)
 
     def known_motion(self, place: Place) -> tuple[Array, Array, Array, Array]:
         """Return a location's motion over every interval, from earlier samples.
@@ -390,16 +349,16 @@ class TrajectoryScoreTest(ScoreTest):
 
     # ---- the candidates ---------------------------------------------------------------------------------------------
 
-    def _left_by(
+    def effect_responses(
         self, group: Group, place: Place, plans: Sequence[tuple[Effect, dict[str, float]]]
     ) -> tuple[Array, list[int]]:
         """See `ScoreTest`; forces act along directions that turn with the motion."""
         if place.kind in ("sensor", "pick-up"):
-            return super()._left_by(group, place, plans)
+            return super().effect_responses(group, place, plans)
         modal = [self._forces(group, place, effect, shape) for effect, shape in plans]
         return self.through(group, np.concatenate(modal, axis=-1), None), [part.shape[-1] for part in modal]
 
-    def _carried(self, group: Group, causes: Sequence[Sequence[Cause]]) -> tuple[Array, list[int]]:
+    def cause_responses(self, group: Group, causes: Sequence[Sequence[Cause]]) -> tuple[Array, list[int]]:
         """See `ScoreTest`; a time-varying system has no impulse response."""
         widths = [own[0].series.shape[-1] for own in causes]
         reading = np.zeros((*group.y.shape, sum(widths)))
@@ -490,50 +449,4 @@ def forces_on_trajectory(
     for k in range(len(z)):
         step = Step(h=h[k], t=t[k])
         out[k], memory = effect.force(z[k], v[k], values, step, memory)
-    return out
-
-
-def _changed(plant: Plant, parameter: Uncertain, value: float) -> Any:
-    model = copy.copy(plant.model)
-    parameter.apply(model, value)
-    mujoco.mj_setConst(model, mujoco.MjData(model))
-    return model
-
-
-def _middle(stepper: Stepper, system: TimeVaryingSystem, h: Array) -> tuple[Array, Array, Array]:
-    """Return configurations, velocities and accelerations at mid-step."""
-    q, v = system.motion.q, system.motion.v
-    later = np.minimum(np.arange(1, len(v) + 1), len(v) - 1)
-    if stepper.is_flat:
-        middle = 0.5 * (q + q[later])
-    else:
-        pairs = zip(q, q[later], strict=True)
-        middle = np.array([stepper.moved(a, 0.5 * stepper.between(a, b)) for a, b in pairs])
-    return middle, 0.5 * (v + v[later]), (v[later] - v) / h[:, None]
-
-
-def _slope(pair: Sequence[Any], middle: tuple[Array, ...], stride: int) -> Array:
-    """Return the decrease (n, nv) of inverse dynamics per log factor.
-
-    `middle` holds configurations, velocities, accelerations, controls and actuator states.
-    """
-    n = len(middle[0])
-    at = np.unique(np.append(np.arange(0, n, stride), n - 1))
-    part = [x[at] for x in middle]
-    slope = (_inverse(pair[1], *part) - _inverse(pair[0], *part)) / (2 * TRAJECTORY_SCORE_TEST.change)
-    return slope if stride == 1 or len(at) < 4 else np.asarray(CubicSpline(at, slope)(np.arange(n)))
-
-
-def _inverse(model: Any, q: Array, v: Array, a: Array, control: Array, act: Array) -> Array:
-    """Return the generalised forces (n, nv) that a motion lacks, by inverse dynamics.
-
-    MuJoCo's inverse dynamics leave the actuators out; the feedback of servos belongs to the model.
-    """
-    data, out = mujoco.MjData(model), np.zeros(a.shape)
-    for k in range(len(out)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], v[k], a[k]
-        data.ctrl[:], data.act[:] = control[k], act[k]
-        mujoco.mj_inverse(model, data)
-        mujoco.mj_fwdActuation(model, data)
-        out[k] = data.qfrc_inverse - data.qfrc_actuator
     return out

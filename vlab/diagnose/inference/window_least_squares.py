@@ -11,6 +11,7 @@ from vlab.diagnose.data.runs import Signals, windows
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.filtered_runs import smoothed_without
 from vlab.diagnose.settings import WINDOW_FIT
 from vlab.physics.effect import SensorEffect
 
@@ -53,5 +54,7 @@ def _cut(screen: ScoreTest, every: int, without: Sequence[Term]) -> Sequence[Sig
     moving = omega[omega > 0.1]
     slowest = float(moving.min() / (2 * np.pi)) if moving.size else 0.0
     wrong = [(t.effect, t.place, t.values) for t in without if isinstance(t.effect, SensorEffect)]
-    parts = [w for run, states, shown in screen.states(wrong) for w in windows(run, states, shown, slowest)]
+    parts = [
+        w for run, states, shown in smoothed_without(screen.groups, wrong) for w in windows(run, states, shown, slowest)
+    ]
     return [w for i, w in enumerate(parts) if every == 1 or (i * GOLDEN) % 1.0 < 1.0 / every]

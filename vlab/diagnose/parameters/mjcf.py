@@ -1,7 +1,7 @@
 """Uncertain parameters of an MJCF model, as log factors."""
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from scipy import linalg
 
-from vlab.diagnose.parameters.reduced_model import Change, Part
+from vlab.diagnose.parameters.reduced_model import Change
 from vlab.diagnose.settings import MJCF_PRIORS, REDUCED_MODEL
 from vlab.plants.base import Plant
 from vlab.plants.equilibrium import settle
@@ -479,58 +479,6 @@ def relative_changes(parameters: Sequence[Uncertain], differences: Array) -> Arr
     return out
 
 
-def derivative(make: Callable[[float], tuple[Array, Array, Array]], step: float = 1e-3) -> tuple[Array, Array, Array]:
-    """Return central differences of M, C and K by a log factor."""
-    high, low = make(step), make(-step)
-    return tuple((a - b) / (2 * step) for a, b in zip(high, low, strict=True))  # type: ignore[return-value]
-
-
 def changes_of(parameters: Sequence[Uncertain]) -> tuple[Change, ...]:
     """Return uncertain parameters as the reduced model's changes."""
     return tuple(Change(name=p.name, sd=p.sd, actuator=p.actuator, sensor=p.sensor) for p in parameters)
-
-
-def parts_of(plant: Plant, parameters: Sequence[Uncertain], basis: Array) -> tuple[Part, ...]:
-    """Return the modal matrix parts under uncertain parameters.
-
-    A spring is one part under two factors: the common one and its own. A sum of both derivatives at factors of 7 %
-    would shift a lightly damped frequency by a tenth of its bandwidth.
-
-    Parameters
-    ----------
-    plant : Plant
-        Nominal plant.
-    parameters : sequence of Uncertain
-        Uncertain parameters.
-    basis : (nv, m) array
-        Mode shapes.
-
-    Returns
-    -------
-    tuple of Part
-        Parts of M, C and K.
-    """
-    by: dict[Number, tuple[int, ...]] = {}
-    for i, parameter in enumerate(parameters):
-        for number in parameter.fields:
-            by[number] = (*by.get(number, ()), i)
-    together: dict[tuple[int, ...], list[Number]] = {}
-    for number, multiplied in by.items():
-        together.setdefault(multiplied, []).append(number)
-    return tuple(_part(plant, tuple(fields), multiplied, basis) for multiplied, fields in together.items())
-
-
-def _part(plant: Plant, fields: tuple[Number, ...], by: tuple[int, ...], basis: Array) -> Part:
-    one = Uncertain(name="", kind="", sd=1.0, fields=fields)
-
-    def matrices(theta: float) -> tuple[Array, Array, Array]:
-        linear = adjusted(plant, [one], np.array([theta])).linearise()
-        return linear.M, linear.C, linear.K
-
-    M, C, K = (basis.T @ part @ basis for part in derivative(matrices))
-    return Part(
-        by=by,
-        M=M if np.abs(M).max() > 1e-9 else None,  # unit modal mass
-        C=C if np.any(C) else None,
-        K=K if np.any(K) else None,
-    )

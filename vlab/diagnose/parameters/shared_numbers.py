@@ -15,7 +15,7 @@ def with_whole_gains(fit: Fit, parameters: Sequence[Uncertain], plant: Plant) ->
     """Return a fit whose effects hold the whole change of the gains that they multiply.
 
     The recordings show the product of an effect's factor and of the calibrated one. The division between both follows
-    from their priors, and readers need no division.
+    from their priors, and no reader needs the division.
 
     Parameters
     ----------
@@ -56,5 +56,5 @@ def _is_same_gain(term: Term, parameter: Uncertain, plant: Plant) -> bool:
 
 
 def _is_gain(parameter: Uncertain, actuator: int, is_servo: bool) -> bool:
-    """Return whether a parameter is the gain of a servo or a plain actuator."""
+    """Return whether a parameter is an actuator's gain; that of a servo includes its feedback."""
     return parameter.actuator == actuator and bool(parameter.fields) == is_servo

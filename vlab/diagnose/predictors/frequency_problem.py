@@ -9,15 +9,11 @@ from vlab.cases.case import Case
 from vlab.cases.channel_map import Run
 from vlab.diagnose.data.responses import Measured, Modes, Response, read_measured, thinned
 from vlab.diagnose.parameters.locations import Place, places_of
-from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, changes_of, gain_sd, parts_of, uncertain_parameters
+from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, changes_of, gain_sd, uncertain_parameters
+from vlab.diagnose.parameters.mjcf_sensitivity import parts_of
 from vlab.diagnose.parameters.reduced_model import ReducedModel
-from vlab.diagnose.parameters.structure import (
-    adjusted_structure,
-    carried,
-    damping_of_structure,
-    structure_parameters,
-    structure_parts,
-)
+from vlab.diagnose.parameters.structure import adjusted_structure, structure_parameters
+from vlab.diagnose.parameters.structure_sensitivity import carried, damping_of_structure, structure_parts
 from vlab.diagnose.predictors.frequency import State
 from vlab.diagnose.predictors.frequency_model import View, Wires, view_of, wires_of
 from vlab.errors import BadCase

@@ -1,5 +1,6 @@
 """Batches of filtered runs, and their innovations."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -167,6 +168,52 @@ def convolved(impulses: Array, series: Array) -> Array:
     seen = rfft(series, length, axis=0)
     seen = answer * seen if series.shape[2] == 1 else answer @ seen
     return np.asarray(irfft(seen, length, axis=0, overwrite_x=True)[:n])
+
+
+def carried(group: Group, causes: Sequence[Sequence[Cause]]) -> tuple[Array, list[int]]:
+    """Return the innovations' response to causes, and its widths.
+
+    Every entrance has one impulse response, so columns are convolutions with it.
+
+    Parameters
+    ----------
+    group : Group
+        Filtered runs with impulse responses.
+    causes : sequence of sequence of Cause
+        Causes of every effect.
+
+    Returns
+    -------
+    response : (n, n_runs, p, sum of widths) array
+        Innovations.
+    widths : list of int
+        Columns of every effect.
+    """
+    widths = [own[0].series.shape[-1] for own in causes]
+    starts = [sum(widths[:i]) for i in range(len(widths) + 1)]
+    ways: dict[bytes | int, list[tuple[int, Cause]]] = {}
+    for start, own in zip(starts, causes, strict=False):
+        for cause in own:
+            ways.setdefault(cause.way, []).append((start, cause))
+    columns, order = [], []
+    for entering in ways.values():
+        series = np.concatenate([c.series.astype(np.float32) for _, c in entering], axis=-1)
+        columns.append(convolved(_impulse(group, entering[0][1]), series[:, :, None]))
+        order += [start + i for start, c in entering for i in range(c.series.shape[-1])]
+    if order == list(range(starts[-1])):
+        return np.concatenate(columns, axis=-1), widths
+    out = np.zeros((*group.y.shape, starts[-1]), dtype=np.float32)
+    for i, column in zip(order, np.moveaxis(np.concatenate(columns, axis=-1), -1, 0), strict=True):
+        out[..., i] += column
+    return out, widths
+
+
+def _impulse(group: Group, cause: Cause) -> Array:
+    """Return the innovations' impulse response (n, p, 1) of a cause."""
+    m = group.impulses.shape[2] - group.y.shape[2]
+    if cause.force is None:
+        return group.impulses[:, :, m + cause.channel, None]
+    return np.asarray(group.impulses[:, :, :m] @ cause.force[:, None])
 
 
 def middles(reduced_model: ReducedModel, group: Group) -> tuple[Array, Array, Array]:

@@ -10,7 +10,7 @@ from vlab.diagnose.parameters.reduced_model import ReducedModel, discretise
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.integration import acting_order, integrate
 from vlab.diagnose.settings import MODAL, RUNS
-from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PickUp
+from vlab.physics.effect import SETTLING, ActuatorEffect, LinearPortEffect, PickUp, SensorEffect
 from vlab.signals import Array
 
 
@@ -163,3 +163,43 @@ def mix(y: Array, term: Term, own: Mapping[str, Array], runs: Sequence[Signals])
     p = {name: np.asarray(value)[:, None] for name, value in own.items()}
     with np.errstate(all="ignore"):  # a diverged trial
         y[..., i] = term.effect.mix(y[..., i], other, p)
+
+
+def sense(
+    y: Array,
+    effect: SensorEffect,
+    index: int,
+    gains: Array,
+    given: Mapping[str, Array],
+    runs: Sequence[Signals],
+) -> None:
+    """Apply a sensor effect to its channel, in place.
+
+    A window needs the motion before its start for a sensor with dynamics. An odd extension replaces unknown motion.
+
+    Parameters
+    ----------
+    y : (n, n_sets, n_runs, p) array
+        Channels, overwritten.
+    effect : SensorEffect
+        Effect.
+    index : int
+        Channel.
+    gains : (n_sets, p) array
+        Gains of the sensors.
+    given : mapping of str to (n_sets,) array
+        Parameter values.
+    runs : sequence of Signals
+        Runs.
+    """
+    for s in range(y.shape[1]):
+        p = {k: float(v[s]) for k, v in given.items()}
+        for j, run in enumerate(runs):
+            column, before = y[:, s, j, index], y[:0, s, j, index]
+            if run.shown is not None and len(run.shown):
+                before = gains[s, index] * run.shown[-effect.settling_samples(p, run.h) :, index]
+            elif not run.at_rest:
+                before = 2.0 * column[0] - column[SETTLING:0:-1]
+            lead = len(before)
+            t = run.t0 + np.arange(-lead, len(y)) * run.h
+            y[:, s, j, index] = effect.sense(np.concatenate([before, column]), p, run.h, t)[lead:]

@@ -10,15 +10,16 @@ from vlab.diagnose.data.band import uniform
 from vlab.diagnose.data.mains_interference import find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.runs import Feedthrough, signals_of
 from vlab.diagnose.parameters.locations import Place, places_of
-from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, parts_of, stiffness_of, uncertain_parameters
+from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, stiffness_of, uncertain_parameters
+from vlab.diagnose.parameters.mjcf_sensitivity import parts_of
 from vlab.diagnose.parameters.mode_selection import KeptModes, as_stepped, kept_modes
 from vlab.diagnose.parameters.observation import actuator_forces, channel_rows, command_feedthrough
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns, limited, read_runs, recorded_commands
 from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, ReducedModel, Shift
-from vlab.diagnose.parameters.structure import (
+from vlab.diagnose.parameters.structure import structure_parameters
+from vlab.diagnose.parameters.structure_sensitivity import (
     carried,
     damping_of_structure,
-    structure_parameters,
     structure_parts,
     structure_shifts,
 )

@@ -15,6 +15,7 @@ from vlab.cases.channel_map import ORDER
 from vlab.cases.description import ChannelTable, Hold
 from vlab.diagnose.data.noise import noise_levels
 from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.inference.input_shares import input_shares
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import SAMPLING_CONVENTION
@@ -218,7 +219,7 @@ def _conventions(screen: ScoreTest, left_open: _Open) -> Iterator[_Convention]:
         for moved in ([], left_open.skewable) if left_open.skewable else ([],):
             if not first and not moved:
                 continue
-            shares, log_likelihood_gain, explained = screen.asked(first, moved, step)
+            shares, log_likelihood_gain, explained = input_shares(screen, first, moved, step)
             skew = float(shares[-1]) if moved else 0.0
             is_near = not hold or abs(shares[0] - 1.0) < SAMPLING_CONVENTION.near
             yield _Convention(
