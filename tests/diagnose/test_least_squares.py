@@ -107,7 +107,7 @@ NAMED = "near rest a damper that takes a part of what a wrong input leaves is na
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("torque", [FAR, pytest.param(NEAR, marks=pytest.mark.xfail(reason=NAMED, strict=False))])
+@pytest.mark.parametrize("torque", [FAR, pytest.param(NEAR, marks=pytest.mark.xfail(reason=NAMED, strict=True))])
 def test_what_nothing_explains_ends_in_one_verdict_on_both_model_classes(tmp_path, torque):
     case = pendulum(tmp_path, torque, hold="", initial="rest")
     diagnosis = diagnose(case, effects=[EFFECTS["viscous-damping"], EFFECTS["added-mass"]]).diagnosis
