@@ -480,7 +480,7 @@ def test_work_on_dask_is_complete():
         (["conceal", "--suite", "nul", "--out", "x"], "unknown suite 'nul'; did you mean 'null'?"),
         (["conceal"], "name the folder of the cases with --out"),
         (["conceal", "--n", "0", "--out", "x"], "0 cases cannot be made"),
-        (["conceal", "--seed", "-1", "--out", "x"], "the seed is -1"),
+        (["conceal", "--seed", "-1", "--out", "x"], "'-1' is no seed"),
         (["conceal", "--benches", "boat", "--out", "x"], "unknown bench 'boat'"),
         (["conceal", "--jobs", "-2", "--out", "x"], "jobs is -2"),
         (["prove", "x", "--first", "-1"], "first is -1"),

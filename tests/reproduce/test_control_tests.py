@@ -177,7 +177,7 @@ def test_simulated_tables_have_a_structure():
         (("--figure", "21"), "unknown figure '21'"),
         (("10", "--figure", "22"), "leave the tables 10 away"),
         (("10", "--plant", "fe"), "unknown plant 'fe'"),
-        (("2", "--seed", "-1"), "seed -1"),
+        (("2", "--seed", "-1"), "'-1' is no seed"),
         (("1", "--out", "there"), "--out belongs to --figure"),
     ],
 )
