@@ -39,6 +39,15 @@ KIND_UNITS = {
     "other": None,
 }
 """SI unit of each kind of channel inside vlab; None for a free unit."""
+ORDER = {
+    "displacement": 0,
+    "velocity": 1,
+    "acceleration": 2,
+    "angle": 0,
+    "angular-velocity": 1,
+    "angular-acceleration": 2,
+}
+"""ORDER [-]: time derivatives of position in each kind of motion."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,8 +12,9 @@ from test_trajectory_diagnosis import shorter
 
 from vlab.cases import load_case
 from vlab.diagnose.inference.model_choice import is_prior_driven
+from vlab.diagnose.inference.ridge_regression import ridge_inverse
 from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquares
-from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares, _regularised_inverse
+from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory
@@ -261,9 +262,7 @@ def test_a_second_effect_stands_beside_another_one(screen, place):
 def test_free_responses_of_unstable_motion_keep_their_priors():
     rng = np.random.default_rng(3)
     plain = rng.standard_normal((40, 4))
-    np.testing.assert_allclose(
-        _regularised_inverse(plain), np.linalg.solve(plain.T @ plain + np.eye(4), plain.T), atol=1e-13
-    )
+    np.testing.assert_allclose(ridge_inverse(plain), np.linalg.solve(plain.T @ plain + np.eye(4), plain.T), atol=1e-13)
     clipped = np.full((40, 4), 1e9)  # all columns alike: the normal matrix is singular to rounding
-    moved = _regularised_inverse(clipped) @ np.full(40, 1e9)
+    moved = ridge_inverse(clipped) @ np.full(40, 1e9)
     np.testing.assert_allclose(moved, 0.25, rtol=1e-6)  # the least norm of the four starts

@@ -17,17 +17,8 @@ from vlab.errors import BadCase, BadController, BadRecording, UnknownName, VlabE
 from vlab.hardware import Hardware
 from vlab.plants.base import Plant
 from vlab.recordings.assemble import own_si
-from vlab.signals import Array, Recording, check_sizes
+from vlab.signals import ORDER, Array, Recording, check_sizes
 
-ORDER = {
-    "displacement": 0,
-    "angle": 0,
-    "velocity": 1,
-    "angular-velocity": 1,
-    "acceleration": 2,
-    "angular-acceleration": 2,
-}
-"""ORDER [-]: time derivatives of position in each kind of motion."""
 _UNITS = {
     "m": ("displacement", "velocity", "acceleration"),
     "rad": ("angle", "angular-velocity", "angular-acceleration"),

@@ -161,7 +161,6 @@ def finding_of_limit(limit: CommandLimit, problem: Problem) -> Finding:
     index = problem.plant.actuator_index(limit.actuator)
     unit = command_unit(problem, index)
     scale = float(law.per_actuator[list(law.actuators).index(index)])
-    value, spread = limit.limit * scale, 1.645 * limit.sd * scale
     told = "the law receives the limited command" if limit.is_known else "the law does not know of it"
     # odds of the replay errors, at the effective sample size of every score
     odds = (limit.after / limit.before) ** EVIDENCE.model_error_samples
@@ -173,7 +172,7 @@ def finding_of_limit(limit: CommandLimit, problem: Problem) -> Finding:
         places_90=(f"actuator:{limit.actuator}",),
         probability=1.0 / (1.0 + odds),
         alike=(effect.name,),
-        parameters={"limit": {"value": value, "unit": unit, "ci90": [value - spread, value + spread]}},
+        parameters={"limit": _estimated(limit.limit * scale, limit.sd * scale, unit)},
         law=effect.law,
         words=f"{effect.words}; the replayed law misses the recorded commands by {100 * limit.before:.0f} % without it and "
         f"{100 * limit.after:.0f} % with it, and {told}",
@@ -225,9 +224,7 @@ def finding_of_step(step: SensorStep, unit: str) -> Finding:
     Finding
         Finding.
     """
-    spread = 1.645 * step.sd
-    interval = [step.step - spread, step.step + spread]
-    parameters = {"step": {"value": step.step, "unit": unit, "ci90": interval}}
+    parameters = {"step": _estimated(step.step, step.sd, unit)}
     words = f"its values stand on steps of {100 * step.share:.2g} % of its rms"
     return _seen("sensor-quantisation", step.channel, parameters, words)
 
@@ -247,9 +244,7 @@ def finding_of_offset(offset: SensorOffset, unit: str) -> Finding:
     Finding
         Finding.
     """
-    spread = 1.645 * offset.sd
-    interval = [offset.offset - spread, offset.offset + spread]
-    parameters = {"offset": {"value": offset.offset, "unit": unit, "ci90": interval}}
+    parameters = {"offset": _estimated(offset.offset, offset.sd, unit)}
     return _seen("sensor-offset", offset.channel, parameters, "the fit to all recordings puts the offset there")
 
 
@@ -267,6 +262,12 @@ def _seen(name: str, channel: str, parameters: dict[str, dict[str, Any]], words:
         law=effect.law,
         words=f"{effect.words}; {words}",
     )
+
+
+def _estimated(value: float, sd: float, unit: str) -> dict[str, Any]:
+    """Return a value with its normal 90 % interval."""
+    spread = 1.645 * sd
+    return {"value": value, "unit": unit, "ci90": [value - spread, value + spread]}
 
 
 def _known(value: float, share: float, unit: str) -> dict[str, Any]:

@@ -268,7 +268,7 @@ def has_plausible_parameters(fit: Fit) -> bool:
     bool
         Whether the test accepts the parameters at the false-alarm rate of the verdict.
     """
-    return bool(fit.chi2 - fit.cost <= stats.chi2.ppf(1.0 - VERDICT.false_alarm_rate, max(fit.theta.size, 1)))
+    return bool(fit.prior_cost <= stats.chi2.ppf(1.0 - VERDICT.false_alarm_rate, max(fit.theta.size, 1)))
 
 
 def decide_verdict(

@@ -9,8 +9,8 @@ import numpy as np
 from vlab import units
 from vlab.errors import BadRecording, unknown_name
 from vlab.modal.frf import MeasuredFrequencyResponse
-from vlab.modal.quantities import DERIVATIVES, DRIVES, kind_of_unit, response_unit_of, split_unit
-from vlab.signals import KIND_UNITS, FrequencyResponse
+from vlab.modal.quantities import DRIVES, kind_of_unit, response_unit_of, split_unit
+from vlab.signals import KIND_UNITS, ORDER, FrequencyResponse
 
 
 def in_si(frf: FrequencyResponse) -> MeasuredFrequencyResponse:
@@ -36,7 +36,7 @@ def in_si(frf: FrequencyResponse) -> MeasuredFrequencyResponse:
     if getattr(frf, "is_magnitude", False):
         raise BadRecording("the responses are magnitudes only; poles need a phase: give complex responses")
     above, below = split_unit(frf.unit)
-    motion, drive = kind_of_unit(above, tuple(DERIVATIVES)), kind_of_unit(below, (*DRIVES, *DERIVATIVES))
+    motion, drive = kind_of_unit(above, tuple(ORDER)), kind_of_unit(below, (*DRIVES, *ORDER))
     if not motion or not drive:
         raise BadRecording(
             f"the response of {', '.join(frf.outputs[:4])} has the unit {frf.unit!r}; accepted: a motion per force, moment, "
@@ -55,7 +55,7 @@ def in_si(frf: FrequencyResponse) -> MeasuredFrequencyResponse:
 
 def motion_of(frf: FrequencyResponse) -> str:
     """Return the kind of motion of a response in SI."""
-    return kind_of_unit(split_unit(frf.unit)[0], tuple(DERIVATIVES))
+    return kind_of_unit(split_unit(frf.unit)[0], tuple(ORDER))
 
 
 def displacement_unit(frf: FrequencyResponse) -> str:

@@ -15,10 +15,9 @@ from vlab.modal.frf import Estimator, MeasuredFrequencyResponse, estimate_frf, p
 from vlab.modal.given_responses import choose, displacement_unit, in_si, motion_of
 from vlab.modal.impact import END_LEVEL, estimate_impact_frf, without_added_decay
 from vlab.modal.poles import PoleEstimate, estimate_poles
-from vlab.modal.quantities import DERIVATIVES
 from vlab.modal.recognise import Signal, signal_of
 from vlab.modal.steps import estimate_stepped_frf
-from vlab.signals import Array, FrequencyResponse, Recording, check_sizes
+from vlab.signals import ORDER, Array, FrequencyResponse, Recording, check_sizes
 
 SETTLING_SHARE = 0.5
 """SETTLING_SHARE [1]: share of the periods dropped at the start of a periodic record, for decay of the transient."""
@@ -335,7 +334,7 @@ def run_dwell_test(recording: Recording, test: ModalTest) -> DwellResult:
     if signal.kind != "dwell":
         raise BadRecording(f"the excitation is {signal.kind}, not a dwell; give --signal dwell where it is one")
     inputs, outputs = _channels(recording, test)
-    order = np.array([DERIVATIVES.get(recording.channels[recording.index(name)].kind, 0) for name in outputs])
+    order = np.array([ORDER.get(recording.channels[recording.index(name)].kind, 0) for name in outputs])
     return evaluate_dwell(
         recording, signal.steps[0], inputs=inputs, outputs=outputs, derivatives=order, drive_s=signal.drive_s
     )
@@ -391,7 +390,7 @@ def as_displacement(frf: MeasuredFrequencyResponse, kinds: Sequence[str]) -> Mea
     MeasuredFrequencyResponse
         Displacements per unit input.
     """
-    powers = np.array([DERIVATIVES.get(kind, 0) for kind in kinds])
+    powers = np.array([ORDER.get(kind, 0) for kind in kinds])
     factor = (frf.added_decay + 2j * np.pi * frf.freq[:, None]) ** -powers[None, :]
     variance = None if frf.variance is None else frf.variance * np.abs(factor[:, :, None]) ** 2
     return replace(frf, H=frf.H * factor[:, :, None], variance=variance, unit="m/N" if np.any(powers) else frf.unit)
@@ -413,7 +412,7 @@ def _channels(recording: Recording, test: ModalTest) -> tuple[tuple[str, ...], t
         raise BadRecording(
             f"the recording marks no input; name one with --input (channels: {', '.join(recording.names)})"
         )
-    sensed = [c.name for c in recording.channels if c.kind in DERIVATIVES]
+    sensed = [c.name for c in recording.channels if c.kind in ORDER]
     outputs = test.outputs or tuple(name for name in sensed if name not in inputs)
     if not outputs:
         raise BadRecording(

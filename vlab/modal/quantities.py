@@ -4,17 +4,8 @@ import re
 
 from vlab import units
 from vlab.errors import BadUnit
-from vlab.signals import KIND_UNITS
+from vlab.signals import KIND_UNITS, ORDER
 
-DERIVATIVES = {
-    "displacement": 0,
-    "velocity": 1,
-    "acceleration": 2,
-    "angle": 0,
-    "angular-velocity": 1,
-    "angular-acceleration": 2,
-}
-"""DERIVATIVES [1]: order of the time derivative, by kind of motion."""
 DRIVES = ("force", "moment", "voltage", "current")
 """Kinds of channels that drive a structure; a shaken base drives by its motion."""
 
@@ -37,7 +28,7 @@ def split_unit(unit: str) -> tuple[str, str]:
     if "(" in below or ")" in below:
         match = re.fullmatch(r"(.*)/(\([^()]*\))", text)
         above, slash, below = (match[1], "/", match[2]) if match else (text, "", "")
-    if slash and kind_of_unit(_bare(below), (*DRIVES, *DERIVATIVES)):
+    if slash and kind_of_unit(_bare(below), (*DRIVES, *ORDER)):
         return _bare(above), _bare(below)
     return text, ""
 

@@ -8,14 +8,14 @@ import numpy as np
 from vlab import units
 from vlab.errors import BadUnit, unknown_name
 from vlab.files.text import one_line
-from vlab.modal.quantities import DERIVATIVES, DRIVES, kind_of_unit, response_unit_of, split_unit
+from vlab.modal.quantities import DRIVES, kind_of_unit, response_unit_of, split_unit
 from vlab.recordings.files import refuse
 from vlab.recordings.response_labels import ResponseLabel, frequency_column, labels_of_complex, labels_of_pairs
 from vlab.recordings.responses import MeasuredResponse, read_lines, read_values
 from vlab.recordings.table import Table
-from vlab.signals import KIND_UNITS, ComplexArray
+from vlab.signals import KIND_UNITS, ORDER, ComplexArray
 
-_MOTIONS, _INPUTS = tuple(DERIVATIVES), (*DRIVES, *DERIVATIVES)
+_MOTIONS, _INPUTS = tuple(ORDER), (*DRIVES, *ORDER)
 
 
 @dataclass(frozen=True)

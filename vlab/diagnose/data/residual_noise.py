@@ -9,11 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
-from vlab.cases.channel_map import ORDER, Run
+from vlab.cases.channel_map import Run
 from vlab.diagnose.data.band import uniform
 from vlab.diagnose.data.local_rational import noise_lines, nonlinear_spectra, spectrum
 from vlab.diagnose.settings import RESIDUAL_NOISE
-from vlab.signals import Array
+from vlab.signals import ORDER, Array
 
 
 def incoherent_rms(run: Run, channel: str, residual: Array) -> float:

@@ -55,14 +55,8 @@ class Hypothesis:
 
     @property
     def complexity(self) -> float:
-        """Log cost of the effects' parameters.
-
-        Every parameter costs half the log of the effective sample size; a discrete one at most the log of its number of
-        values.
-        """
-        told = 0.5 * float(np.log(self.effective_samples))
-        parameters = [p for t in self.terms for p in t.effect.parameters]
-        return sum(min(told, float(np.log(_values_tried(p)))) if p.grain else told for p in parameters)
+        """Log cost of the effects' parameters [nat]."""
+        return cost_of_parameters([p for t in self.terms for p in t.effect.parameters], self.effective_samples)
 
     @property
     def long_fit(self) -> Fit:
@@ -72,7 +66,7 @@ class Hypothesis:
     @property
     def prior_departure(self) -> float:
         """Negative log prior of the uncertain parameters, relative to the mean [nat]."""
-        return 0.5 * (self.fit.chi2 - self.fit.cost)
+        return 0.5 * self.fit.prior_cost
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -122,9 +116,7 @@ def scored(
         fit=fit,
         normalised_residual=normalised_residual,
         log_rms_residual=float(np.log(max(normalised_residual, floor))),
-        negative_log_prior=0.5 * (fit.chi2 - fit.cost)
-        + len(fit.terms) * float(np.log(max(tried, 1)))
-        + _implausible(fit),
+        negative_log_prior=0.5 * fit.prior_cost + len(fit.terms) * float(np.log(max(tried, 1))) + _implausible(fit),
         effective_samples=min(effective_samples, EVIDENCE.model_error_samples),
         log_likelihood_gain=log_likelihood_gain,
     )
@@ -139,6 +131,27 @@ def _implausible(fit: Fit) -> float:
     free_starts = sum(t.effect.needs_rest and not t.place.is_held for t in fit.terms)
     alike = sum(bool(t.place.also) and t.effect.traits.is_usually_single for t in fit.terms)
     return EVIDENCE.unheld * free_starts + EVIDENCE.all_alike * alike
+
+
+def cost_of_parameters(parameters: Sequence[Parameter], samples: float = EVIDENCE.model_error_samples) -> float:
+    """Return the log cost of effects' parameters in the evidence.
+
+    Every parameter costs half the log of the effective sample size; a discrete one at most the log of its number of values.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+        Parameters of the effects.
+    samples : float
+        Effective sample size.
+
+    Returns
+    -------
+    float
+        Cost [nat].
+    """
+    told = 0.5 * float(np.log(samples))
+    return sum(min(told, float(np.log(_values_tried(p)))) if p.grain else told for p in parameters)
 
 
 def _values_tried(parameter: Parameter) -> int:

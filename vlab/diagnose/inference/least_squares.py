@@ -21,6 +21,7 @@ from vlab.diagnose.inference.evidence import effective_sample_size
 from vlab.diagnose.inference.fit_at_optimum import fit_at
 from vlab.diagnose.inference.identifiable_subspace import identifiable_subspace
 from vlab.diagnose.inference.parameter_vector import ParameterVector, limits_of
+from vlab.diagnose.inference.ridge_regression import ridge_inverse
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.inference.starting_vectors import starting_vectors
 from vlab.diagnose.parameters.terms import Fit, Term
@@ -145,8 +146,7 @@ class LeastSquares:
                 n = len(self.runs[i])
                 seen = free[:n] * self.runs[i].usable[:, None, :]
                 response = (seen / self.sigma[i]).transpose(0, 2, 1).reshape(-1, m2) * spread
-                gram = response.T @ response + np.eye(m2)
-                out[i] = (response, np.linalg.solve(gram, response.T), spread)
+                out[i] = (response, ridge_inverse(response), spread)
         return out
 
     def _active(self) -> Array:
@@ -294,7 +294,7 @@ class LeastSquares:
         for x in (
             others
         ):  # further starts only where the first one missed the noise level, or ended far from the prior means
-            if best.cost < FIT.explained * samples and best.chi2 - best.cost < FIT.distant * vector.r:
+            if best.cost < FIT.explained * samples and best.prior_cost < FIT.distant * vector.r:
                 break
             best = min(best, self.descend(vector, x, iterations, tolerance), key=self.negative_log_posterior)
         return best
@@ -329,7 +329,7 @@ class LeastSquares:
 
         The objective is the effective sample size times the log cost, plus the prior terms.
         """
-        return self.effective_share * float(np.log(max(fit.cost, 1e-300))) + fit.chi2 - fit.cost
+        return self.effective_share * float(np.log(max(fit.cost, 1e-300))) + fit.prior_cost
 
     def descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = FIT.near_enough) -> Fit:
         """Fit a hypothesis from one start.

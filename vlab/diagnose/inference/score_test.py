@@ -337,24 +337,7 @@ class ScoreTest:
         return left, widths
 
     def cause_responses(self, group: Group, causes: Sequence[Sequence[Cause]]) -> tuple[Array, list[int]]:
-        """Return the innovations' response to causes.
-
-        A model class with other dynamics overrides the method.
-
-        Parameters
-        ----------
-        group : Group
-            Filtered runs.
-        causes : sequence of sequence of Cause
-            Causes of every effect.
-
-        Returns
-        -------
-        response : (n, n_runs, p, sum of widths) array
-            Innovations.
-        widths : list of int
-            Columns of every effect.
-        """
+        """See `carried`; a model class with other dynamics overrides the method."""
         return carried(group, causes)
 
     def _at(self, place: Place, effects: Sequence[Effect]) -> list[Candidate]:

@@ -59,7 +59,7 @@ def starting_vectors(of: Started, vector: ParameterVector, start: Fit | None, th
     costs = of.costs(vector, X)
     together, apart = int(np.argmin(costs[: len(joint)])), len(joint) + int(np.argmin(costs[len(joint) :]))
     first = [X[together], X[apart]] if costs[together] <= costs[apart] else [X[apart], X[together]]
-    if start is None or start.chi2 - start.cost < FIT.distant * vector.r:
+    if start is None or start.prior_cost < FIT.distant * vector.r:
         return first
     # far from its priors the other fit has absorbed the missing physics
     own = [known.get(term.label, term).values for term in terms]

@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.parameter_vector import ParameterVector
+from vlab.diagnose.inference.ridge_regression import ridge_inverse
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import relative_changes
@@ -88,9 +89,8 @@ class TrajectoryLeastSquares(LeastSquares):
         self.screen, self.problem, self.reduced_model, self.runs = screen, screen.problem, screen.reduced_model, runs
         self._gather()
         self._weigh()
-        self.noise_share += (
-            self.integration_share
-        )  # no law is followed closer than the steps of the linear system allow
+        # no law is followed closer than the steps of the linear system allow
+        self.noise_share += self.integration_share
         self.active = np.zeros(0, dtype=int)
         self.start_scale = self._spreads()
         self.first_starts = [run.start for run in runs]
@@ -160,7 +160,7 @@ class TrajectoryLeastSquares(LeastSquares):
         for w, run in enumerate(self.runs):
             seen = moved[: len(run), :, w] * run.usable[:, None, :] / self.sigma[w]
             response = seen.transpose(0, 2, 1).reshape(-1, m2)
-            out[w] = (response, _regularised_inverse(response), np.ones(m2))
+            out[w] = (response, ridge_inverse(response), np.ones(m2))
         return y[:, 0], out
 
     def descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = FIT.near_enough) -> Fit:
@@ -387,15 +387,6 @@ class TrajectoryLeastSquares(LeastSquares):
             z = np.stack([self._cut(r) for r in whole.z])
             self._lines[place.name] = (rows, z, np.einsum("lkwn,kwn->lkw", rows, self.v), whole.weight)
         return self._lines[place.name]
-
-
-def _regularised_inverse(R: Array) -> Array:
-    """Return the regression (R^T R + 1)^-1 R^T on unit priors, by singular values.
-
-    Responses of unstable motion are so large that normal equations would lose the priors.
-    """
-    left, size, right = np.linalg.svd(R, full_matrices=False)
-    return np.asarray((right.T * (size / (size**2 + 1.0))) @ left.T)
 
 
 def _sensed(effect: SensorEffect, x: Array, p: Values, h: float, t: Array, is_even: bool) -> Array:

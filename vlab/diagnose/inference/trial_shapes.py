@@ -12,10 +12,8 @@ from vlab.diagnose.inference.residual_tones import Tones
 from vlab.diagnose.inference.trial_scan import Scales, best_values, scan_values
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.predictors.innovations import Group
+from vlab.diagnose.predictors.unit_causes import Shape
 from vlab.physics.effect import Effect, Parameter, PortEffect
-
-Shape = dict[str, float]
-"""Values of an effect's shape parameters."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vlab.cases.case import Case
-from vlab.cases.channel_map import ORDER, Compared, Law, Run
+from vlab.cases.channel_map import Compared, Law, Run
 from vlab.cases.clock import plan_clock
 from vlab.cases.initial_state import replayed_commands
 from vlab.cases.replay import bench_for
@@ -17,7 +17,7 @@ from vlab.diagnose.parameters.observation import within_limits
 from vlab.diagnose.settings import RECORDED_RUNS
 from vlab.errors import BadCase
 from vlab.plants.base import Plant
-from vlab.signals import Array
+from vlab.signals import ORDER, Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

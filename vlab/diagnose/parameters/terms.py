@@ -91,6 +91,11 @@ class Fit:
     sd: dict[str, float] = field(default_factory=dict)
 
     @property
+    def prior_cost(self) -> float:
+        """Sum of squared deviations from the priors over their variances."""
+        return self.chi2 - self.cost
+
+    @property
     def unidentified(self) -> tuple[str, ...]:
         """Labels of terms whose amplitudes are all indistinguishable from zero."""
         return tuple(t.label for t in self.terms if all(self._may_be_none(t, p) for p in _sizes(t.effect)))

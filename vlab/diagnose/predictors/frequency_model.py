@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vlab.cases.case import Case
-from vlab.cases.channel_map import ORDER, Compared
+from vlab.cases.channel_map import Compared
 from vlab.diagnose.data.responses import Measured, Modes, Response
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.observation import ChannelRows, actuator_forces, channel_rows
@@ -20,7 +20,7 @@ from vlab.physics.native_laws import native_laws
 from vlab.physics.running import AtActuator, AtPort, AtSensor, tap_index
 from vlab.physics.small_signal import is_linear
 from vlab.plants.base import Plant
-from vlab.signals import Array
+from vlab.signals import ORDER, Array
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,9 +15,7 @@ A. Miller, Subset Selection in Regression, 2nd ed., Chapman and Hall, 2002, sect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.inference.evidence import Hypothesis, cost_of_parameters
 from vlab.diagnose.inference.hypothesis_fits import by_score, fitted, scored_by, terms_of, with_whole_runs
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.model_choice import gain_beyond
@@ -26,7 +24,7 @@ from vlab.diagnose.parameters.terms import Candidate, Fit, Term
 from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
 from vlab.diagnose.search.profile_screening import profile
 from vlab.diagnose.search.shortlist import plain_form
-from vlab.diagnose.settings import EVIDENCE, FIT, FORWARD_SELECTION, HYPOTHESIS_FITS, MJCF_PRIORS, SHORTLIST
+from vlab.diagnose.settings import FIT, FORWARD_SELECTION, HYPOTHESIS_FITS, MJCF_PRIORS, SHORTLIST
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -207,8 +205,7 @@ def laws_in_all_joints(candidates: Sequence[Candidate]) -> list[list[Candidate]]
 
 
 def _gain_of_law(law: Sequence[Candidate]) -> float:
-    parameter = 0.5 * float(np.log(EVIDENCE.model_error_samples))
-    return sum(c.log_likelihood_gain - parameter * len(c.effect.parameters) for c in law)
+    return sum(c.log_likelihood_gain - cost_of_parameters(c.effect.parameters) for c in law)
 
 
 def further_effects(best: Hypothesis, table: Sequence[Candidate]) -> list[Candidate]:

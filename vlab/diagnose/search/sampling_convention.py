@@ -11,7 +11,6 @@ from typing import TypeVar
 import numpy as np
 
 from vlab.cases.case import Case
-from vlab.cases.channel_map import ORDER
 from vlab.cases.description import ChannelTable, Hold
 from vlab.diagnose.data.noise import noise_levels
 from vlab.diagnose.data.runs import Signals
@@ -21,6 +20,7 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import SAMPLING_CONVENTION
 from vlab.physics.effect import Effect
 from vlab.physics.running import STAGGERED
+from vlab.signals import ORDER
 
 WORDS: dict[Hold, str] = {
     "linear": "inputs run straight from sample to sample",

@@ -82,7 +82,7 @@ def search_moving(
         hypotheses = finished(narrow, hypotheses)
         before = scored_by(narrow, narrow.fit((), before.fit))
     (before,) = on_whole_runs(whole, narrow, [before])
-    of_count = [[h for h in hypotheses if len(h.terms) == n] for n in {len(h.terms) for h in hypotheses}]
+    of_count = [[h for h in hypotheses if len(h.terms) == n] for n in sorted({len(h.terms) for h in hypotheses})]
     hypotheses = by_score(*(on_whole_runs(whole, narrow, some) for some in of_count))
     report(0.9, "adding effects")
     enough = SELECTION.explains * floor_of(whole)
