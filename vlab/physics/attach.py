@@ -296,11 +296,19 @@ def _port(plant: Plant, one: Attached) -> Port:
         wrong = "the floor takes sinusoidal-force and force-offset only"
     elif ("servo" in needs) != one.place.startswith("actuator:"):
         wrong = "effects of a servo go with a position servo, as in actuator:NAME, and nothing else does"
+    elif "armature" in needs and not _has_motor(plant, one.place):
+        wrong = "the inertia of the servo's motor is unknown; give its joint or tendon an armature above 0"
     elif "coil" in needs and coil_at(plant, port) is None:
         wrong = "no actuator acts along it"
     if wrong:
         raise BadExperiment(f"effect {one.effect.name!r} cannot act at {one.place!r}: {wrong}")
     return port
+
+
+def _has_motor(plant: Plant, place: str) -> bool:
+    """Return whether the model states the inertia of a servo's motor."""
+    servo = servo_of(plant, actuators_at(plant, place)[0])
+    return servo is not None and servo.inertia > 0
 
 
 def _at_port(plant: Plant, one: Attached, port: Port) -> AtPort:

@@ -36,6 +36,9 @@ class Servo:
         Least and largest force.
     commands : tuple of (float, float)
         Least and largest command.
+    inertia : float
+        Inertia of the motor's side along the transmission: the joint's armature over the squared gear. 0 if the model
+        states none.
     """
 
     gain: float = 0.0
@@ -43,6 +46,11 @@ class Servo:
     rest: float = 0.0
     limits: tuple[float, float] = (-np.inf, np.inf)
     commands: tuple[float, float] = (-np.inf, np.inf)
+    inertia: float = 0.0
+
+    def error(self, command: Any, z: Any) -> Any:
+        """Return the position error at a displacement from rest."""
+        return _within(command, self.commands) - self.rest - z
 
     def limited(self, force: Any) -> Any:
         """Return a force within the limits."""
@@ -94,7 +102,18 @@ def servo_of(plant: Plant, index: int) -> Servo | None:
         rest=float(model.actuator_gear[i, 0]) * port.position(plant.new_data()),
         limits=_range(model.actuator_forcelimited[i], model.actuator_forcerange[i]),
         commands=_range(model.actuator_ctrllimited[i] and not has_state, model.actuator_ctrlrange[i]),
+        inertia=_motor_inertia(model, i),
     )
+
+
+def _motor_inertia(model: Any, control: int) -> float:
+    """Return the armature behind an actuator, along the actuator's length."""
+    spanned = int(model.actuator_trnid[control, 0])
+    if model.actuator_trntype[control] == mujoco.mjtTrn.mjTRN_JOINT:
+        armature = float(model.dof_armature[model.jnt_dofadr[spanned]])
+    else:
+        armature = float(model.tendon_armature[spanned])
+    return armature / float(model.actuator_gear[control, 0]) ** 2
 
 
 def _range(is_limited: Any, values: Any) -> tuple[float, float]:
@@ -172,7 +191,7 @@ class ServoEffect(PortEffect):
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
         """See `PortEffect`: the difference from the modelled force."""
         servo = self.servo
-        e = _within(step.command, servo.commands) - servo.rest - z
+        e = servo.error(step.command, z)
         return self.changed(e, v, p) - servo.limited(servo.gain * e - servo.damping * v), memory
 
     def factors(self, p: Values) -> Mapping[str, float] | None:
