@@ -99,7 +99,7 @@ class DriveTrain(ServoEffect):
         B, E = 0.5 * h * servo.damping + bend * servo.gain, bend * servo.gain * yielding
         T, m = self._moment(memory, p, h, joint, (A, B, E))
         driving = servo.inertia * m + T
-        if np.any(np.isfinite(servo.limits)):
+        if servo.limits[0] > -np.inf or servo.limits[1] < np.inf:
             most = servo.limited(driving)
             inside = driving == most
             A = np.where(inside, A, most) if not isinstance(A, float) else (A if inside else most)

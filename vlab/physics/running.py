@@ -131,9 +131,10 @@ class PortForces:
             plant, MjcfPlant
         )  # a structure's inertia varies only with the square of its rotations
         model = plant.model
-        is_implicit = model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER and not (
+        is_explicit = model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER and (
             model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
         )
+        is_implicit = model.opt.integrator in STAGGERED and not is_explicit
         self._damping = self._h * model.dof_damping if is_implicit and np.any(model.dof_damping) else None
         self._solve(data)
         self._moving = [i for i, port in enumerate(self._ports) if not port.is_constant]

@@ -58,7 +58,10 @@ class Servo:
 
 
 def _within(x: Any, limits: tuple[float, float]) -> Any:
-    return x if not np.any(np.isfinite(limits)) else np.minimum(np.maximum(x, limits[0]), limits[1])
+    low, high = limits
+    if low == -np.inf and high == np.inf:
+        return x
+    return min(max(x, low), high) if isinstance(x, float) else np.minimum(np.maximum(x, low), high)
 
 
 _FILTERS = (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)

@@ -120,9 +120,10 @@ class Run:
         impedance = np.array([a.get("impedance", (0.0, 0.0, 0.0)) for a in LINES]).reshape(-1, 3)
         self.viscous, self.spring = impedance[:, 1], impedance[:, 2]
         self.added = impedance[:, 0] + self.viscous * self.h / 2
-        damps = model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER and not (
+        is_explicit = model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER and (
             model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
         )
+        damps = model.opt.integrator in STAGGERED and not is_explicit
         self.damping = self.h * model.dof_damping if damps and np.any(model.dof_damping) else None
         self.reset()
 

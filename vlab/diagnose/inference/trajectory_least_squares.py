@@ -24,8 +24,10 @@ from vlab.diagnose.predictors.trajectory import pad_and_stack
 from vlab.diagnose.predictors.trajectory_integration import integrate_trajectory, trace_laws
 from vlab.diagnose.predictors.trajectory_laws import Law, Path, path_of
 from vlab.diagnose.predictors.trajectory_lines import Lines
+from vlab.diagnose.predictors.unit_effects import fast_march
 from vlab.diagnose.settings import FIT, TRAJECTORY, TRAJECTORY_FIT, TRAJECTORY_INTEGRATION
-from vlab.physics.effect import ActuatorEffect, PortEffect, SensorEffect, Step, Values
+from vlab.physics.effect import ActuatorEffect, Effect, PortEffect, SensorEffect, Step, Values
+from vlab.physics.servo import ServoEffect
 from vlab.signals import Array
 
 
@@ -229,7 +231,7 @@ class TrajectoryLeastSquares(LeastSquares):
         """Return channels (n, n_sets, n_windows, p) before sensor effects."""
         drive, forces = self._drive(terms, theta, values, len(theta))
         acting = [(term, own) for term, own in zip(terms, values, strict=True) if term.effect.kind == "port"]
-        steps = TRAJECTORY.fine if any(term.effect.traits.is_dry_friction for term, _ in acting) else 1
+        steps = TRAJECTORY.fine if any(_has_fine_steps(term.effect) for term, _ in acting) else 1
         A, G = (self.A, self.G) if steps == 1 else (self.fine_A, self.fine_G)
         laws = [self._law(term, own, G, steps) for term, own in acting]
         laws.sort(key=lambda law: (not law.is_linear, law.is_last))
@@ -320,9 +322,29 @@ class TrajectoryLeastSquares(LeastSquares):
                 speed = s.systems[part.run].motion.v[cut] + deviation[:, nv:]
                 v[-count:, w] = np.einsum("kn,kn->k", row, speed)
                 h[-count:, w] = s.stack.h[cut, part.run]
+        if effect.is_fast:
+            return self._driven_memory(term, p, (z, v), longest)
         for k in range(longest):
             memory = effect.force(z[k][None], v[k][None], p, Step(h=h[k][None]), memory)[1]
         return memory
+
+    def _driven_memory(self, term: Term, p: Values, motion: tuple[Array, Array], longest: int) -> Any:
+        """Return a fast law's memory after a motion (longest, n_windows) under commands."""
+        effect, s, (z, v) = term.effect, self.moving, motion
+        assert isinstance(effect, PortEffect)
+        command = np.zeros(z.shape)
+        for w, part in enumerate(self.parts):
+            count = min(longest, part.first)
+            z[: longest - count, w], v[: longest - count, w] = z[-count, w] * (count > 0), v[-count, w] * (count > 0)
+            if isinstance(effect, ServoEffect) and term.place.coil is not None:
+                servo, whole = effect.servo, s.commands(term.place.coil)[:, part.run]
+                command[:, w] = servo.rest + z[0, w] + servo.damping / servo.gain * v[0, w]  # no force before the run
+                command[longest - count :, w] = whole[part.first - count : part.first]
+        later = np.minimum(np.arange(1, longest + 1), longest - 1)
+        z, v, a = 0.5 * (z + z[later]), 0.5 * (v + v[later]), (v[later] - v) / s.runs[0].h
+        wide = np.zeros((len(next(iter(p.values()))), z.shape[1]))
+        z, v, a, command = (x[:, None] + wide for x in (z, v, a, command))
+        return fast_march(effect, z, v, a, p, s.runs[0].h, command)[1]
 
     def _actuated(self, effect: ActuatorEffect, index: int, given: Mapping[str, Array], n_sets: int) -> Array:
         runs, h = self.moving.runs, self.moving.runs[0].h
@@ -387,6 +409,10 @@ class TrajectoryLeastSquares(LeastSquares):
             z = np.stack([self._cut(r) for r in whole.z])
             self._lines[place.name] = (rows, z, np.einsum("lkwn,kwn->lkw", rows, self.v), whole.weight)
         return self._lines[place.name]
+
+
+def _has_fine_steps(effect: Effect) -> bool:
+    return effect.traits.is_dry_friction or (isinstance(effect, PortEffect) and effect.is_fast)
 
 
 def _sensed(effect: SensorEffect, x: Array, p: Values, h: float, t: Array, is_even: bool) -> Array:

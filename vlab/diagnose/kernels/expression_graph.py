@@ -428,8 +428,16 @@ def loaded(
     return found, registers
 
 
-def series(graph: ExpressionGraph, z: Array, v: Array, t: Array, values: Sequence[Any], memory: Sequence[Any]) -> Array:
-    """Return a law's force along a given motion.
+def series(
+    graph: ExpressionGraph,
+    z: Array,
+    v: Array,
+    t: Array,
+    values: Sequence[Any],
+    memory: Sequence[Any],
+    others: Sequence[Any] = (),
+) -> tuple[Array, list[Array]]:
+    """Return a law's force along a given motion, and the memory after the motion.
 
     Parameters
     ----------
@@ -441,13 +449,17 @@ def series(graph: ExpressionGraph, z: Array, v: Array, t: Array, values: Sequenc
         Parameters of the law.
     memory : sequence of array
         Initial memory.
+    others : sequence of array
+        Further signals of a step, in the order of `vlab.physics.expression.SIGNALS`.
 
     Returns
     -------
-    (n, ...) array
+    force : (n, ...) array
         Force [SI].
+    memory : list of (...) array
+        Memory after the last sample.
     """
     (operations, _, (first,), stored, recalled), registers = loaded([graph], [values], [memory], z.shape[1:])
-    signals = np.stack([np.broadcast_to(x, z.shape).reshape(len(z), -1) for x in (z, v, t)], axis=1)
+    signals = np.stack([np.broadcast_to(x, z.shape).reshape(len(z), -1) for x in (z, v, t, *others)], axis=1)
     out = _series(operations, first, registers, signals, stored, recalled, graph.force)
-    return np.asarray(out.reshape(z.shape))
+    return np.asarray(out.reshape(z.shape)), [registers[i].reshape(z.shape[1:]) for i in recalled]
