@@ -12,10 +12,10 @@ from vlab.physics.running import AtPort, PortForces
 from vlab.physics.servo import servo_of
 from vlab.plants.mjcf import build_mjcf
 
-KP, KV, MOTOR, JOINT, DAMPING = 12.0, 0.35, 0.006, 0.0063, 0.08
+KP, KV, MOTOR, JOINT, DAMPING = 12.0, 0.35, 0.006, 0.0063, 0.12
 """KP [N m/rad], KV [N m s/rad], MOTOR and JOINT [kg m2]: servo and inertias of the bench; DAMPING [N m s/rad] of the
 joint."""
-STIFFNESS, RATIO, GAP = 140.0, 0.065, 0.03
+STIFFNESS, RATIO, GAP, SHARE = 140.0, 0.065, 0.03, 0.4
 DAMPER = 2 * RATIO * np.sqrt(STIFFNESS * MOTOR)
 WIDE = 1e3
 """WIDE [N m]: force limit that no run reaches."""
@@ -43,8 +43,8 @@ def bench(*, step=2.5e-4, integrator="implicitfast", limit=WIDE, kp=KP, kv=KV, d
     </mujoco>""")
 
 
-def with_train(plant, *, gap=0.0, stiffness=STIFFNESS, ratio=RATIO):
-    values = {"stiffness": stiffness, "damping_ratio": ratio} | ({"gap": gap} if gap else {})
+def with_train(plant, *, gap=0.0, stiffness=STIFFNESS, ratio=RATIO, share=SHARE):
+    values = {"stiffness": stiffness, "damping_ratio": ratio, "motor_share": share} | ({"gap": gap} if gap else {})
     effect = EFFECTS["servo-backlash" if gap else "servo-compliance"]
     return attach(plant, [Attached(effect=effect, place="actuator:servo", values=values)])
 
@@ -88,7 +88,8 @@ def independent(t, *, gap, limit):
         beyond = s - np.clip(s, -gap, gap)
         train = STIFFNESS * beyond + DAMPER * (r - w) * (abs(s) > gap or gap == 0.0)
         tau = np.clip(KP * (commands(now) - m) - KV * r, -limit, limit)
-        return [r, w, (tau - train) / MOTOR, (train - DAMPING * w) / JOINT]
+        motor, joint = SHARE * DAMPING * r, (1 - SHARE) * DAMPING * w
+        return [r, w, (tau - train - motor) / MOTOR, (train - joint) / JOINT]
 
     return solve_ivp(rate, (0.0, t[-1]), np.zeros(4), t_eval=t, rtol=1e-8, atol=1e-10, max_step=4e-3).y[1]
 
@@ -112,11 +113,11 @@ def test_a_run_is_that_of_two_inertias(gap, limit):
 
 @pytest.mark.parametrize(("gear", "spans"), [(3.0, "joint"), (1.0, "tendon"), (0.5, "tendon")])
 def test_gear_and_tendon_carry_the_train(gear, spans):
-    plant = bench(gear=gear, spans=spans, step=1e-3)
+    plant = bench(gear=gear, spans=spans, step=1e-3, damping=0.0)
     assert servo_of(plant, 0).inertia == pytest.approx(MOTOR / gear**2)
     # the same train in units of the transmission's length
     run = Bench(with_train(plant, gap=GAP * gear, stiffness=STIFFNESS / gear**2), command=lambda t: gear * commands(t))
-    same = Bench(with_train(bench(step=1e-3), gap=GAP), command=commands)
+    same = Bench(with_train(bench(step=1e-3, damping=0.0), gap=GAP), command=commands)
     assert np.abs(run.q - same.q).max() < 1e-9
 
 

@@ -24,9 +24,14 @@ from vlab.physics.servo import ServoEffect
 
 
 class DriveTrain(ServoEffect):
-    """Train between motor and joint, with the moment of a spring and a damper beyond the play."""
+    """Train between motor and joint, with the moment of a spring and a damper beyond the play.
+
+    A model lumps the damping of motor and gear with that of the joint's bearing. The share on the motor's side is a
+    parameter.
+    """
 
     needs: ClassVar[tuple[str, ...]] = ("servo", "armature")
+    numbers: ClassVar[tuple[str, ...]] = ("gain", "damping", "inertia", "drag")
     is_fast = True
 
     def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
@@ -43,7 +48,24 @@ class DriveTrain(ServoEffect):
         """
         raise NotImplementedError
 
-    def joint(self, z: Any, v: Any, step: Step) -> tuple[Any, Any, Any, Any, Any]:
+    def own(self, p: Values) -> tuple[Any, Any, Any, Any]:
+        """Return the servo's gain, its damping, the motor's inertia and the damping on the motor's side.
+
+        Parameters
+        ----------
+        p : Values
+            Parameter values, with the servo's `numbers` where a calibration changes them.
+        """
+        servo = self.servo
+        drag = p["motor_share"] * p.get("servo.drag", servo.drag)
+        return (
+            p.get("servo.gain", servo.gain),
+            p.get("servo.damping", servo.damping),
+            p.get("servo.inertia", servo.inertia),
+            drag,
+        )
+
+    def joint(self, z: Any, v: Any, p: Values, step: Step) -> tuple[Any, Any, Any, Any, Any]:
         """Return the joint's motion in a step as a function of the train's moment T.
 
         The force F holds over the step and moves the joint, which the servo's modelled force feels. F cancels that force,
@@ -53,6 +75,8 @@ class DriveTrain(ServoEffect):
         ----------
         z, v : float or array
             Displacement and velocity at the middle of the step.
+        p : Values
+            Parameter values.
         step : Step
             Data of the step. A motion without `free_velocity` has a constant velocity.
 
@@ -66,14 +90,15 @@ class DriveTrain(ServoEffect):
             Numbers of the force F = (T + push)/denominator.
         """
         servo, h, mobility = self.servo, step.h, step.mobility
+        gain, damping, inertia, drag = self.own(p)
         free = v if step.free_velocity is None else step.free_velocity
         first = 2.0 * v - free if step.first_velocity is None else step.first_velocity
         e = servo.error(step.command, z)
         if step.damped is None:  # the step is exact: the servo feels the mean motion
-            force = servo.gain * e - 0.5 * servo.damping * (first + free)
-            slope = 0.5 * servo.damping + servo.gain * h / 6.0
-        else:
-            force, slope = servo.gain * e - servo.damping * first, step.damped * servo.damping
+            force = gain * e - 0.5 * damping * (first + free)
+            slope, late = 0.5 * damping + gain * h / 6.0, 0.5
+        else:  # dampers of joints are implicit in every integrator of one stage
+            force, slope, late = gain * e - damping * first, step.damped * damping, 0.5 if step.damped == 0.5 else 1.0
         inside = force == servo.limited(force)
         force, slope = servo.limited(force), slope * inside
         if step.damped is not None:  # mobility and free velocity leave the servo's damping out
@@ -81,8 +106,8 @@ class DriveTrain(ServoEffect):
             mobility, free = mobility * kept, first + (free - first) * kept
             force = force - slope * (free - first)
         change = (free - first) / h
-        denominator = 1.0 - mobility * (servo.inertia / h + slope)
-        push = servo.inertia * change - force
+        denominator = 1.0 - mobility * (inertia / h + slope + late * drag)
+        push = inertia * change - force + drag * (first + late * h * change)
         yielding = mobility / (h * denominator)
         return first, change + yielding * push, yielding, push, denominator
 
@@ -92,32 +117,35 @@ class DriveTrain(ServoEffect):
         The servo's force on the motor is A - B m'' + E T, and between its limits.
         """
         servo, h, (apart, speed) = self.servo, step.h, memory
-        first, acceleration, yielding, push, denominator = self.joint(z, v, step)
-        joint, bend = (acceleration, yielding), 0.25 * h * h
+        gain, damping, inertia, drag = self.own(p)
+        first, acceleration, yielding, push, denominator = self.joint(z, v, p, step)
+        bend = 0.25 * h * h
         at = z + apart + 0.5 * h * speed - bend * acceleration  # of a motor that keeps its velocity
-        A = servo.gain * servo.error(step.command, at) - servo.damping * (first + speed)
-        B, E = 0.5 * h * servo.damping + bend * servo.gain, bend * servo.gain * yielding
-        T, m = self._moment(memory, p, h, joint, (A, B, E))
-        driving = servo.inertia * m + T
+        A = gain * servo.error(step.command, at) - damping * (first + speed)
+        B, E = 0.5 * h * damping + bend * gain, bend * gain * yielding
+        # the damping on the motor's side is behind the servo's limits
+        braking, heavy = drag * (first + speed), inertia + 0.5 * h * drag + 1e-300
+        relative = apart, speed, acceleration, yielding
+        T, m = self._moment(p, h, relative, (A - braking, heavy + B, E))
+        driving = heavy * m + braking + T
         if servo.limits[0] > -np.inf or servo.limits[1] < np.inf:
             most = servo.limited(driving)
             inside = driving == most
             A = np.where(inside, A, most) if not isinstance(A, float) else (A if inside else most)
-            T, m = self._moment(memory, p, h, joint, (A, B * inside, E * inside))
+            T, m = self._moment(p, h, relative, (A - braking, heavy + B * inside, E * inside))
         after = speed + h * (m - acceleration - yielding * T)
         return (T + push) / denominator, [apart + 0.5 * h * (speed + after), after]
 
     def _moment(
-        self, memory: Any, p: Values, h: Any, joint: tuple[Any, Any], driving: tuple[Any, Any, Any]
+        self, p: Values, h: Any, relative: tuple[Any, Any, Any, Any], motor: tuple[Any, Any, Any]
     ) -> tuple[Any, Any]:
         """Return the train's mean moment and the motor's mean acceleration."""
-        (apart, speed), (acceleration, yielding), (A, B, E) = memory, joint, driving
-        heavy = self.servo.inertia + B + 1e-300
+        (apart, speed, acceleration, yielding), (A, heavy, E) = relative, motor
         alone = A / heavy - acceleration  # relative acceleration without a moment
         ease = (1.0 - E) / heavy + yielding
         middle, rate = apart + 0.5 * h * (speed + 0.5 * h * alone), speed + 0.5 * h * alone
         stiffness = p["stiffness"]
-        damper = 2.0 * p["damping_ratio"] * np.sqrt(stiffness * self.servo.inertia)
+        damper = 2.0 * p["damping_ratio"] * np.sqrt(stiffness * self.own(p)[2])
         beyond = middle - limited(middle, self.play(p))
         pressing = (stiffness * beyond + damper * rate) * (beyond != 0.0)
         T = pressing / (1.0 + ease * (0.25 * h * h * stiffness + 0.5 * h * damper))
@@ -132,6 +160,10 @@ SOFT = (1.0, 3.0, 10.0, 30.0)
 _DAMPING = Parameter(
     name="damping_ratio", unit="1", low=1e-3, high=2.0, role="shape", grid=(0.1,),
     words="of the motor's inertia on the train, the joint held",
+)  # fmt: skip
+_SHARE = Parameter(
+    name="motor_share", unit="1", low=0.01, high=1.0, role="shape", grid=(0.1, 1.0),
+    words="of the joint's modelled damping: motor and gear, not the joint's bearing",
 )  # fmt: skip
 
 
@@ -156,6 +188,7 @@ class ServoBacklash(DriveTrain):
             words="of the train beyond the play",
         ),
         _DAMPING,
+        _SHARE,
     )  # fmt: skip
 
     def play(self, p: Values) -> Any:
@@ -180,6 +213,7 @@ class ServoCompliance(DriveTrain):
             words="of the train",
         ),
         _DAMPING,
+        _SHARE,
     )  # fmt: skip
 
     def play(self, p: Values) -> Any:

@@ -39,6 +39,8 @@ class Servo:
     inertia : float
         Inertia of the motor's side along the transmission: the joint's armature over the squared gear. 0 if the model
         states none.
+    drag : float
+        Damping of the joint along the transmission.
     """
 
     gain: float = 0.0
@@ -47,6 +49,7 @@ class Servo:
     limits: tuple[float, float] = (-np.inf, np.inf)
     commands: tuple[float, float] = (-np.inf, np.inf)
     inertia: float = 0.0
+    drag: float = 0.0
 
     def error(self, command: Any, z: Any) -> Any:
         """Return the position error at a displacement from rest."""
@@ -105,18 +108,19 @@ def servo_of(plant: Plant, index: int) -> Servo | None:
         rest=float(model.actuator_gear[i, 0]) * port.position(plant.new_data()),
         limits=_range(model.actuator_forcelimited[i], model.actuator_forcerange[i]),
         commands=_range(model.actuator_ctrllimited[i] and not has_state, model.actuator_ctrlrange[i]),
-        inertia=_motor_inertia(model, i),
+        inertia=_of_span(model, i, "armature"),
+        drag=_of_span(model, i, "damping"),
     )
 
 
-def _motor_inertia(model: Any, control: int) -> float:
-    """Return the armature behind an actuator, along the actuator's length."""
+def _of_span(model: Any, control: int, quantity: str) -> float:
+    """Return the armature or damping of an actuator's joint or tendon, along the actuator's length."""
     spanned = int(model.actuator_trnid[control, 0])
     if model.actuator_trntype[control] == mujoco.mjtTrn.mjTRN_JOINT:
-        armature = float(model.dof_armature[model.jnt_dofadr[spanned]])
+        value = getattr(model, f"dof_{quantity}")[model.jnt_dofadr[spanned]]
     else:
-        armature = float(model.tendon_armature[spanned])
-    return armature / float(model.actuator_gear[control, 0]) ** 2
+        value = getattr(model, f"tendon_{quantity}")[spanned]
+    return float(value) / float(model.actuator_gear[control, 0]) ** 2
 
 
 def _range(is_limited: Any, values: Any) -> tuple[float, float]:
@@ -170,6 +174,8 @@ class ServoEffect(PortEffect):
     """
 
     needs: ClassVar[tuple[str, ...]] = ("servo",)
+    numbers: ClassVar[tuple[str, ...]] = ()
+    """Fields of `Servo` that the law also takes as values ``servo.NAME``, where a calibration changes them."""
     servo: Servo = Servo()
 
     def changed(self, e: Any, v: Any, p: Values) -> Any:

@@ -19,6 +19,7 @@ from vlab.diagnose.inference.ridge_regression import ridge_inverse
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import relative_changes
+from vlab.diagnose.parameters.servo_numbers import of_term
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.predictors.trajectory import pad_and_stack
 from vlab.diagnose.predictors.trajectory_integration import integrate_trajectory, trace_laws
@@ -233,7 +234,7 @@ class TrajectoryLeastSquares(LeastSquares):
         acting = [(term, own) for term, own in zip(terms, values, strict=True) if term.effect.kind == "port"]
         steps = TRAJECTORY.fine if any(_has_fine_steps(term.effect) for term, _ in acting) else 1
         A, G = (self.A, self.G) if steps == 1 else (self.fine_A, self.fine_G)
-        laws = [self._law(term, own, G, steps) for term, own in acting]
+        laws = [self._law(term, of_term(self.problem, term, own, theta), G, steps) for term, own in acting]
         laws.sort(key=lambda law: (not law.is_linear, law.is_last))
         drive = np.einsum("kwan,kswn->kswa", G, drive, optimize=True)
         seen = bool(np.any(self.D))

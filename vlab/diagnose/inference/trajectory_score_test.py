@@ -16,6 +16,7 @@ from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import Uncertain
 from vlab.diagnose.parameters.reduced_model import Discrete
+from vlab.diagnose.parameters.servo_numbers import servo_numbers
 from vlab.diagnose.predictors.innovations import Cause, Group
 from vlab.diagnose.predictors.inverse_dynamics import changed_models, forces_of_change, middle_of_steps
 from vlab.diagnose.predictors.kalman import FilterGains as SteadyGains
@@ -387,7 +388,9 @@ class TrajectoryScoreTest(ScoreTest):
         with np.errstate(all="ignore"):  # a law too stiff for the samples diverges and is no candidate
             if effect.is_fast:
                 h = float(np.median(self.stack.h[self.stack.h > 0]))
-                laws = [fast_series(effect, z[0], v[0], a[0], u, h, own) for u in unit_amplitudes(effect, shape)]
+                numbers = servo_numbers(self.problem, effect, place, self.theta)
+                each = ({**u, **numbers} for u in unit_amplitudes(effect, shape))
+                laws = [fast_series(effect, z[0], v[0], a[0], u, h, own) for u in each]
             else:
                 laws = [self._series(group, place, effect, u, z[0], v[0], own) for u in unit_amplitudes(effect, shape)]
         series = [x / effect.probe if np.all(np.abs(x) < KERNELS.runaway) else 0.0 * z[0] for x in laws]

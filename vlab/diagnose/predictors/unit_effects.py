@@ -98,7 +98,7 @@ def fast_series(effect: PortEffect, z: Array, v: Array, a: Array, values: Values
     z, v, a : (n, ...) array
         Displacement and velocity in the middle of the samples, and acceleration [SI].
     values : mapping
-        Parameter values.
+        Parameter values, and numbers that the law takes beside its parameters.
     h : float
         Sample period [s].
     command : float or array
@@ -143,10 +143,12 @@ def fast_march(
     first, last = along(v) + at(0.0) * bent, along(v) + at(1.0) * bent
     where = along(z) + middle * (along(v) + 0.5 * middle * bent)
     given, none = along(np.broadcast_to(command, z.shape)), np.zeros(where.shape)
-    graph, memory = trace_expression(effect, step), effect.memory(z.shape[1:])
+    names = [p.name for p in effect.parameters]
+    numbers = tuple(name for name in values if name not in names)
+    graph, memory = trace_expression(effect, step, numbers=numbers), effect.memory(z.shape[1:])
     with np.errstate(all="ignore"):  # a law too stiff for the steps diverges and is no candidate
         if graph is not None:
-            own, others = [values[p.name] for p in effect.parameters], (last, first, given, none)  # order of `SIGNALS`
+            own, others = [values[name] for name in (*names, *numbers)], (last, first, given, none)  # order of `SIGNALS`
             return series(graph, where, 0.5 * (first + last), none, own, memory or (), others)
         out = none
         for k in range(len(where)):
