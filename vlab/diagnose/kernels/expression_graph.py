@@ -428,16 +428,8 @@ def loaded(
     return found, registers
 
 
-def series(
-    graph: ExpressionGraph,
-    z: Array,
-    v: Array,
-    t: Array,
-    values: Sequence[Any],
-    memory: Sequence[Any],
-    others: Sequence[Any] = (),
-) -> tuple[Array, list[Array]]:
-    """Return a law's force along a given motion, and the memory after the motion.
+def series(graph: ExpressionGraph, z: Array, v: Array, t: Array, values: Sequence[Any], memory: Sequence[Any]) -> Array:
+    """Return a law's force along a given motion.
 
     Parameters
     ----------
@@ -449,6 +441,30 @@ def series(
         Parameters of the law.
     memory : sequence of array
         Initial memory.
+
+    Returns
+    -------
+    (n, ...) array
+        Force [SI].
+    """
+    return driven_series(graph, z, v, t, values, memory, ())[0]
+
+
+def driven_series(
+    graph: ExpressionGraph,
+    z: Array,
+    v: Array,
+    t: Array,
+    values: Sequence[Any],
+    memory: Sequence[Any],
+    others: Sequence[Any],
+) -> tuple[Array, list[Array]]:
+    """Return a law's force along a given motion, and the memory after the motion.
+
+    Parameters are those of `series`, and further signals.
+
+    Parameters
+    ----------
     others : sequence of array
         Further signals of a step, in the order of `vlab.physics.expression.SIGNALS`.
 

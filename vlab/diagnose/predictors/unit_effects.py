@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.kernels.expression_graph import series
+from vlab.diagnose.kernels.expression_graph import driven_series, series
 from vlab.diagnose.settings import KERNELS, TRAJECTORY
 from vlab.physics.effect import ActuatorEffect, Effect, PortEffect, Step, Values
 from vlab.physics.expression import trace_expression
@@ -80,7 +80,7 @@ def port_series(
     graph = trace_expression(effect, h, ("z", "v", "t"))
     with np.errstate(all="ignore"):  # a law too stiff for the samples diverges and is no candidate
         if graph is not None:
-            out, _ = series(graph, z, v, t, [values[p.name] for p in effect.parameters], memory)
+            out = series(graph, z, v, t, [values[p.name] for p in effect.parameters], memory)
         else:
             out = np.zeros(z.shape)
             for k in range(len(z)):
@@ -149,7 +149,7 @@ def fast_march(
     with np.errstate(all="ignore"):  # a law too stiff for the steps diverges and is no candidate
         if graph is not None:
             own, others = [values[name] for name in (*names, *numbers)], (last, first, given, none)  # order of `SIGNALS`
-            return series(graph, where, 0.5 * (first + last), none, own, memory or (), others)
+            return driven_series(graph, where, 0.5 * (first + last), none, own, memory or (), others)
         out = none
         for k in range(len(where)):
             now = Step(h=step, free_velocity=last[k], first_velocity=first[k], command=given[k])
