@@ -48,21 +48,22 @@ class DriveTrain(ServoEffect):
         """
         raise NotImplementedError
 
-    def own(self, p: Values) -> tuple[Any, Any, Any, Any]:
-        """Return the servo's gain, its damping, the motor's inertia and the damping on the motor's side.
+    def own(self, p: Values, at: str) -> tuple[Any, Any, Any, Any]:
+        """Return the gain and the damping of the servo, the motor's inertia, and the damping of the joint.
 
         Parameters
         ----------
         p : Values
             Parameter values, with the servo's `numbers` where a calibration changes them.
+        at : str
+            ``"servo"`` for the servo itself, ``"model"`` for the simulated model to which the force is added.
         """
         servo = self.servo
-        drag = p["motor_share"] * p.get("servo.drag", servo.drag)
         return (
-            p.get("servo.gain", servo.gain),
-            p.get("servo.damping", servo.damping),
-            p.get("servo.inertia", servo.inertia),
-            drag,
+            p.get(f"{at}.gain", servo.gain),
+            p.get(f"{at}.damping", servo.damping),
+            p.get(f"{at}.inertia", servo.inertia),
+            p.get(f"{at}.drag", servo.drag),
         )
 
     def joint(self, z: Any, v: Any, p: Values, step: Step) -> tuple[Any, Any, Any, Any, Any]:
@@ -90,7 +91,8 @@ class DriveTrain(ServoEffect):
             Numbers of the force F = (T + push)/denominator.
         """
         servo, h, mobility = self.servo, step.h, step.mobility
-        gain, damping, inertia, drag = self.own(p)
+        gain, damping, inertia, drag = self.own(p, "model")
+        drag = drag - (1.0 - p["motor_share"]) * self.own(p, "servo")[3]
         free = v if step.free_velocity is None else step.free_velocity
         first = 2.0 * v - free if step.first_velocity is None else step.first_velocity
         e = servo.error(step.command, z)
@@ -117,7 +119,8 @@ class DriveTrain(ServoEffect):
         The servo's force on the motor is A - B m'' + E T, and between its limits.
         """
         servo, h, (apart, speed) = self.servo, step.h, memory
-        gain, damping, inertia, drag = self.own(p)
+        gain, damping, inertia, drag = self.own(p, "servo")
+        drag = p["motor_share"] * drag
         first, acceleration, yielding, push, denominator = self.joint(z, v, p, step)
         bend = 0.25 * h * h
         at = z + apart + 0.5 * h * speed - bend * acceleration  # of a motor that keeps its velocity
@@ -145,7 +148,7 @@ class DriveTrain(ServoEffect):
         ease = (1.0 - E) / heavy + yielding
         middle, rate = apart + 0.5 * h * (speed + 0.5 * h * alone), speed + 0.5 * h * alone
         stiffness = p["stiffness"]
-        damper = 2.0 * p["damping_ratio"] * np.sqrt(stiffness * self.own(p)[2])
+        damper = 2.0 * p["damping_ratio"] * np.sqrt(stiffness * self.own(p, "servo")[2])
         beyond = middle - limited(middle, self.play(p))
         pressing = (stiffness * beyond + damper * rate) * (beyond != 0.0)
         T = pressing / (1.0 + ease * (0.25 * h * h * stiffness + 0.5 * h * damper))

@@ -19,7 +19,7 @@ from vlab.diagnose.inference.ridge_regression import ridge_inverse
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import relative_changes
-from vlab.diagnose.parameters.servo_numbers import of_term
+from vlab.diagnose.parameters.servo_numbers import carried, servo_numbers
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.predictors.trajectory import pad_and_stack
 from vlab.diagnose.predictors.trajectory_integration import integrate_trajectory, trace_laws
@@ -234,7 +234,7 @@ class TrajectoryLeastSquares(LeastSquares):
         acting = [(term, own) for term, own in zip(terms, values, strict=True) if term.effect.kind == "port"]
         steps = TRAJECTORY.fine if any(_has_fine_steps(term.effect) for term, _ in acting) else 1
         A, G = (self.A, self.G) if steps == 1 else (self.fine_A, self.fine_G)
-        laws = [self._law(term, of_term(self.problem, term, own, theta), G, steps) for term, own in acting]
+        laws = [self._law(term, self._calibrated(term, own, theta), G, steps) for term, own in acting]
         laws.sort(key=lambda law: (not law.is_linear, law.is_last))
         drive = np.einsum("kwan,kswn->kswa", G, drive, optimize=True)
         seen = bool(np.any(self.D))
@@ -285,12 +285,27 @@ class TrajectoryLeastSquares(LeastSquares):
     ) -> tuple[Array, Array]:
         """Return generalised forces on deviations, and on sensors."""
         own = relative_changes(self.problem.parameters, theta - self.moving.theta)
-        forces = np.einsum("kwni,si->kswn", self.changes, own, optimize=True)
+        forces = np.einsum("kwni,si->kswn", self._changes_beside(terms), own, optimize=True)
         for term, given in zip(terms, values, strict=True):
             if isinstance(term.effect, ActuatorEffect):
                 for i in term.place.indices:
                     forces += self._actuated(term.effect, i, given, n_sets)
         return forces, forces.copy()
+
+    def _calibrated(self, term: Term, own: Mapping[str, Array], theta: Array) -> Mapping[str, Array]:
+        """Return a term's values with the calibrated numbers that the law carries itself."""
+        return {**own, **servo_numbers(self.problem, term.effect, term.place, theta, self.moving.theta)}
+
+    def _changes_beside(self, terms: Sequence[Term]) -> Array:
+        """Return the forces of uncertain parameters without the parts that laws carry themselves."""
+        out = self.changes
+        for term in terms:
+            which = carried(self.problem, term.effect, term.place)
+            if np.any(which):
+                along = self.lines(term.place)[0][0]
+                along = along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-300)
+                out = out - np.einsum("kwn,kwm,kwmi->kwni", along, along, out, optimize=True) * which
+        return out
 
     def _law(self, term: Term, own: Mapping[str, Array], G: Array, steps: int) -> Law:
         rows, z, v, weight = self.lines(term.place)

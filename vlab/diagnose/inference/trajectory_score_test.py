@@ -388,7 +388,7 @@ class TrajectoryScoreTest(ScoreTest):
         with np.errstate(all="ignore"):  # a law too stiff for the samples diverges and is no candidate
             if effect.is_fast:
                 h = float(np.median(self.stack.h[self.stack.h > 0]))
-                numbers = servo_numbers(self.problem, effect, place, self.theta)
+                numbers = servo_numbers(self.problem, effect, place, self.theta, self.theta)
                 each = ({**u, **numbers} for u in unit_amplitudes(effect, shape))
                 laws = [fast_series(effect, z[0], v[0], a[0], u, h, own) for u in each]
             else:

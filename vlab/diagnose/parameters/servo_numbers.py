@@ -1,23 +1,22 @@
 """Numbers of a servo at calibrated parameters of the model."""
 
-from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from vlab.diagnose.parameters.locations import Place
-from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.problem import Problem
 from vlab.physics.effect import Effect
 from vlab.physics.servo import ServoEffect, servo_of
 from vlab.signals import Array
 
 
-def servo_numbers(problem: Problem, effect: Effect, place: Place, theta: Array) -> dict[str, Any]:
+def servo_numbers(problem: Problem, effect: Effect, place: Place, theta: Array, about: Array) -> dict[str, Any]:
     """Return the servo's numbers that a law takes beside its parameters.
 
-    A number is the nominal one times a power of every factor of the calibration.
+    A number is the nominal one times a power of every factor of the calibration. The law itself carries the calibration
+    of these numbers, see `carried`.
 
     Parameters
     ----------
@@ -29,18 +28,32 @@ def servo_numbers(problem: Problem, effect: Effect, place: Place, theta: Array) 
         Location.
     theta : (..., n_changes) array
         Log factors.
+    about : (n_changes,) array
+        Log factors of the simulated model to which the law's force is added.
 
     Returns
     -------
     dict of str to (...) array
-        Numbers by name ``servo.NAME``; empty for a law without such numbers.
+        Numbers by name ``servo.NAME`` and ``model.NAME``; empty for a law without such numbers.
     """
     if not isinstance(effect, ServoEffect) or not effect.numbers or place.servo is None:
         return {}
     powers = _powers(problem, place.indices[0], effect.numbers)
+    at = {"servo": theta, "model": np.broadcast_to(about, np.shape(theta))}
     return {
-        f"servo.{name}": getattr(place.servo, name) * np.exp(theta @ power) for name, power in powers.items()
+        f"{which}.{name}": getattr(place.servo, name) * np.exp(x @ power)
+        for which, x in at.items()
+        for name, power in powers.items()
     }
+
+
+def carried(problem: Problem, effect: Effect, place: Place) -> Array:
+    """Return which calibrated factors a law carries along its place's direction, (n_changes,) of bool."""
+    out = np.zeros(len(problem.reduced_model.changes), dtype=bool)
+    if isinstance(effect, ServoEffect) and effect.numbers and place.servo is not None:
+        for power in _powers(problem, place.indices[0], effect.numbers).values():
+            out |= power != 0.0
+    return out
 
 
 @lru_cache(maxsize=64)
@@ -57,20 +70,3 @@ def _powers(problem: Problem, actuator: int, names: tuple[str, ...]) -> dict[str
             if before > 0 and after > 0:
                 out[name][i] = np.log(after / before)
     return out
-
-
-def of_term(problem: Problem, term: Term, own: Mapping[str, Array], theta: Array) -> Mapping[str, Array]:
-    """Return a term's parameter values with the servo's numbers.
-
-    Parameters
-    ----------
-    problem : Problem
-        Problem.
-    term : Term
-        Effect and location.
-    own : mapping of str to (n_sets,) array
-        Parameter values.
-    theta : (n_sets, n_changes) array
-        Log factors.
-    """
-    return {**own, **servo_numbers(problem, term.effect, term.place, theta)}
