@@ -21,7 +21,9 @@ WIDE = 1e3
 """WIDE [N m]: force limit that no run reaches."""
 
 
-def bench(*, step=2.5e-4, integrator="implicitfast", limit=WIDE, kp=KP, kv=KV, damping=DAMPING, gear=1.0, spans="joint"):
+def bench(
+    *, step=2.5e-4, integrator="implicitfast", limit=WIDE, kp=KP, kv=KV, damping=DAMPING, gear=1.0, spans="joint"
+):
     """Return the lever on a servo; the length of the transmission is gear times angle."""
     return build_mjcf(f"""
     <mujoco>
@@ -105,9 +107,7 @@ def test_a_run_is_that_of_two_inertias(gap, limit):
     if gap:
         assert np.ptp(run.apart) > 2 * gap  # the run crosses the play
     for integrator in ("Euler", "RK4", "implicitfast"):
-        coarse = Bench(
-            with_train(bench(step=1e-3, limit=limit, integrator=integrator), gap=gap), command=commands
-        )
+        coarse = Bench(with_train(bench(step=1e-3, limit=limit, integrator=integrator), gap=gap), command=commands)
         assert np.sqrt(np.mean((coarse.q - exact[::4]) ** 2)) < 4e-3 * np.std(exact), integrator
 
 

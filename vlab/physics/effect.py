@@ -29,7 +29,16 @@ SensorStep = Callable[[float, float, float], float]
 
 Scan = Literal["", "delay", "period", "slope"]
 Reference = Literal[
-    "", "displacement", "velocity", "input", "input-slope", "output", "duration", "step", "error", "servo-force",
+    "",
+    "displacement",
+    "velocity",
+    "input",
+    "input-slope",
+    "output",
+    "duration",
+    "step",
+    "error",
+    "servo-force",
     "servo-gain",
 ]
 

@@ -148,7 +148,10 @@ def fast_march(
     graph, memory = trace_expression(effect, step, numbers=numbers), effect.memory(z.shape[1:])
     with np.errstate(all="ignore"):  # a law too stiff for the steps diverges and is no candidate
         if graph is not None:
-            own, others = [values[name] for name in (*names, *numbers)], (last, first, given, none)  # order of `SIGNALS`
+            own, others = (
+                [values[name] for name in (*names, *numbers)],
+                (last, first, given, none),
+            )  # order of `SIGNALS`
             return driven_series(graph, where, 0.5 * (first + last), none, own, memory or (), others)
         out = none
         for k in range(len(where)):
