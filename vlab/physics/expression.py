@@ -177,7 +177,8 @@ def trace_expression(
     signals = dict(zip(SIGNALS, symbols, strict=False))
     own = symbols[len(SIGNALS) : len(SIGNALS) + len(names)]
     memory = symbols[len(SIGNALS) + len(names) :]
-    step = Step(h=h, **{name: signals[name] for name in seen if name not in ("z", "v")})
+    known: dict[str, Any] = {name: signals[name] for name in seen if name not in ("z", "v")}
+    step = Step(h=h, **known)
     force: Callable[..., tuple[Any, Any]] = effect.force
     try:
         result, after = force(

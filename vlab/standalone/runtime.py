@@ -33,8 +33,8 @@ DAMPED = {mujoco.mjtIntegrator.mjINT_EULER: 0.0, mujoco.mjtIntegrator.mjINT_RK4:
 class Step(NamedTuple):
     """Data of one integration step.
 
-    Length and middle time [s], mobility [m/s/N], command, velocities at the end and the beginning [m/s], and the share
-    of the change of velocity on which the damping of actuators acts.
+    Length and middle time [s], mobility [m/s/N], command, velocities at the end and the beginning [m/s]. The last number
+    is the share of the change of velocity on which the damping of actuators acts.
     """
 
     h: Any

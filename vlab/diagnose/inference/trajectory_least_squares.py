@@ -19,8 +19,8 @@ from vlab.diagnose.inference.ridge_regression import ridge_inverse
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import relative_changes
-from vlab.diagnose.parameters.servo_numbers import carried, servo_numbers
 from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.predictors.servo_numbers import carried, servo_numbers
 from vlab.diagnose.predictors.trajectory import pad_and_stack
 from vlab.diagnose.predictors.trajectory_integration import integrate_trajectory, trace_laws
 from vlab.diagnose.predictors.trajectory_laws import Law, Path, path_of

@@ -16,12 +16,12 @@ from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import Uncertain
 from vlab.diagnose.parameters.reduced_model import Discrete
-from vlab.diagnose.parameters.servo_numbers import servo_numbers
 from vlab.diagnose.predictors.innovations import Cause, Group
 from vlab.diagnose.predictors.inverse_dynamics import changed_models, forces_of_change, middle_of_steps
 from vlab.diagnose.predictors.kalman import FilterGains as SteadyGains
 from vlab.diagnose.predictors.kalman import Smoothed, stack_runs
 from vlab.diagnose.predictors.limited_actuator import LimitedActuator, limited_actuator
+from vlab.diagnose.predictors.servo_numbers import servo_numbers
 from vlab.diagnose.predictors.step_jacobian import Stepper
 from vlab.diagnose.predictors.trajectory import (
     FilterGains,

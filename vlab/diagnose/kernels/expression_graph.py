@@ -461,10 +461,16 @@ def driven_series(
 ) -> tuple[Array, list[Array]]:
     """Return a law's force along a given motion, and the memory after the motion.
 
-    Parameters are those of `series`, and further signals.
-
     Parameters
     ----------
+    graph : ExpressionGraph
+        Graph of the law.
+    z, v, t : (n, ...) array
+        Displacement, velocity [SI] and time [s].
+    values : sequence of array
+        Parameters of the law.
+    memory : sequence of array
+        Initial memory.
     others : sequence of array
         Further signals of a step, in the order of `vlab.physics.expression.SIGNALS`.
 

@@ -117,10 +117,23 @@ def fast_series(effect: PortEffect, z: Array, v: Array, a: Array, values: Values
 def fast_march(
     effect: PortEffect, z: Array, v: Array, a: Array, values: Values, h: float, command: Any
 ) -> tuple[Array, Any]:
-    """Return a fast law's force along a given motion in fine steps, and the memory after the motion.
+    """Return a fast law's force in fine steps, and the memory after the motion.
 
     Every sample has `TRAJECTORY.fine` steps of constant acceleration. A given motion yields to no force, so the mobility
-    is zero. Parameters are those of `fast_series`.
+    is zero.
+
+    Parameters
+    ----------
+    effect : PortEffect
+        Law that does not depend on time.
+    z, v, a : (n, ...) array
+        Displacement and velocity in the middle of the samples, and acceleration [SI].
+    values : mapping
+        Parameter values, and numbers that the law takes beside its parameters.
+    h : float
+        Sample period [s].
+    command : float or array
+        Command at the port.
 
     Returns
     -------

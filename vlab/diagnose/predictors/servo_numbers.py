@@ -48,7 +48,22 @@ def servo_numbers(problem: Problem, effect: Effect, place: Place, theta: Array, 
 
 
 def carried(problem: Problem, effect: Effect, place: Place) -> Array:
-    """Return which calibrated factors a law carries along its place's direction, (n_changes,) of bool."""
+    """Return which calibrated factors a law carries along its place's direction.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+    effect : Effect
+        Effect.
+    place : Place
+        Location.
+
+    Returns
+    -------
+    (n_changes,) array of bool
+        Mask of the factors.
+    """
     out = np.zeros(len(problem.reduced_model.changes), dtype=bool)
     if isinstance(effect, ServoEffect) and effect.numbers and place.servo is not None:
         for power in _powers(problem, place.indices[0], effect.numbers).values():
