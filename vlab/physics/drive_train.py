@@ -159,8 +159,8 @@ class DriveTrain(ServoEffect):
     ) -> tuple[Any, Any]:
         """Return the train's mean moment and the motor's mean acceleration.
 
-        The spring's moment is the mean over a straight path from the step's beginning to its end, so that the moment does
-        not jump where the step ends at a stop. Newton steps solve for the end of the path.
+        The spring's moment is the mean over a straight path from the step's beginning to its end. So the moment does not
+        jump where a step ends at a stop. Newton steps solve for the end of the path.
         """
         (apart, speed, acceleration, yielding), (A, heavy, E) = relative, motor
         alone = A / heavy - acceleration  # relative acceleration without a moment

@@ -123,6 +123,20 @@ def _of_span(model: Any, control: int, quantity: str) -> float:
     return float(value) / float(model.actuator_gear[control, 0]) ** 2
 
 
+def has_motor(plant: Plant, index: int) -> bool:
+    """Return whether the model states the inertia of a servo's motor.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    index : int
+        Index into ``plant.actuators``.
+    """
+    servo = servo_of(plant, index)
+    return servo is not None and servo.inertia > 0
+
+
 def _range(is_limited: Any, values: Any) -> tuple[float, float]:
     return (float(values[0]), float(values[1])) if is_limited else (-np.inf, np.inf)
 
