@@ -72,9 +72,7 @@ def port_series(
     memory = effect.memory(z.shape[1:])
     t = (np.arange(len(z)) + 0.5).reshape(-1, *(1,) * (z.ndim - 1)) * h + starts
     if effect.is_fast:
-        ends = 0.5 * (v[1:] + v[:-1])  # velocities between the steps
-        first, last = np.concatenate([v[:1], ends]), np.concatenate([ends, v[-1:]])
-        return fast_series(effect, z, 0.5 * (first + last), (last - first) / h, values, h, command)
+        return fast_series(effect, z, v, np.gradient(v, h, axis=0, edge_order=2), values, h, command)
     if memory is None:
         return np.asarray(effect.force(z, v, values, Step(h=h, t=t, command=command), None)[0])
     graph = trace_expression(effect, h, ("z", "v", "t"))
