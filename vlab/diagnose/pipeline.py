@@ -290,7 +290,7 @@ class _Pass:
         before, after = extended(problem, fit_before, wrong_offsets), seen.on(extended(problem, fit))
         without = seen.on(extended(problem, fit_before))
         if seen.is_missing and fit.terms:
-            on_fitted = check(problem.runs, without, after)
+            on_fitted = check(problem.runs, without, after, horizon_s=problem.horizon_s)
             is_explained = closes_gap(on_fitted, is_structure=is_structure)
             if not (is_explained or is_needed(confirmed.choice, on_fitted, is_structure=is_structure)):
                 fit, after = fit_before, without  # the findings from the data alone explain the recordings
@@ -319,7 +319,7 @@ class _Pass:
                 tried, fit = fewer, fewer.fit
                 judged = replace(judged, fit=fit, after=seen.on(extended(problem, fit)))
         if verdict == "none-of-these" and not searched.is_structure:
-            coarse = coarse_steps(judged.before, searched.runs)
+            coarse = coarse_steps(judged.before, searched.runs, problem.horizon_s)
             if coarse:
                 finer = replace(trials, change=with_finer_steps)
                 again, second = tried_with(finer, fit)

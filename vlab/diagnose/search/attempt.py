@@ -68,6 +68,7 @@ class Trials:
             seen.benign_interferences,
             nominal=change(self.nominal),
             ablations=ablate(problem, fit, seen, findings).changed(change),
+            horizon_s=problem.horizon_s,
         )
         return Attempt(findings=findings, fit=fit, checked=tuple(checked))
 
