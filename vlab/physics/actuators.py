@@ -308,9 +308,9 @@ class RateLimit(SlewLimit):
 
 
 def _within_slope(commands: list[float], most: float) -> list[float]:
-    """Return the values before every command of a signal that follows the commands from zero by limited changes.
+    """Return a signal of limited slope before every command.
 
-    Plain numbers are ten times as fast as short arrays.
+    The signal starts at zero. Plain numbers are ten times as fast as short arrays.
     """
     out, now = [], 0.0
     for command in commands:

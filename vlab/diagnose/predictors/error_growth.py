@@ -11,7 +11,7 @@ from vlab.diagnose.settings import ERROR_GROWTH, PROBLEM, VALIDATION
 
 
 def error_growth(system: TimeVaryingSystem, count: int) -> float:
-    """Return the growth of position errors over one of equal parts of a recording.
+    """Return the growth of position errors over a part.
 
     The growth over a part is the largest norm of the transition matrix from positions to positions. Positions count
     relative to their range of motion, so units do not matter.
@@ -35,18 +35,18 @@ def error_growth(system: TimeVaryingSystem, count: int) -> float:
     for part in np.array_split(system.A, count):
         transition, largest = np.eye(2 * nv), 1.0
         for step in part:
-            transition = step @ transition
-            size = float(np.linalg.norm(transition[:nv, :nv] * scale[None, :] / scale[:, None], 2))
-            if not np.isfinite(size):
+            with np.errstate(over="ignore", invalid="ignore"):
+                transition = step @ transition
+            if not np.all(np.isfinite(transition)):
                 largest = np.inf
                 break
-            largest = max(largest, size)
+            largest = max(largest, float(np.linalg.norm(transition[:nv, :nv] * scale[None, :] / scale[:, None], 2)))
         growths.append(largest)
     return float(np.median(growths))
 
 
 def parts_within_growth(system: TimeVaryingSystem) -> int:
-    """Return the number of equal parts within which small errors grow little.
+    """Return the number of parts in which errors grow little.
 
     A recording stays whole while the allowed model error does not grow to the size of the motion.
 

@@ -85,7 +85,7 @@ def is_predicted(errors: Sequence[float], noise: float) -> bool:
 
 
 def parts_within(run: Run, horizon_s: float) -> int:
-    """Return the number of equal parts of a recording that are no longer than a horizon.
+    """Return the number of equal parts within a horizon.
 
     Parameters
     ----------
