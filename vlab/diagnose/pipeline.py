@@ -308,9 +308,7 @@ class _Pass:
 
         def verdict_on(trials: Trials, tried: Attempt) -> Verdict:
             fitted = partial(_on_fit_runs, trials, tried.fit, terms_of(tried.fit))
-            return decide_verdict(
-                judged.choice, tried.checked, seen, is_structure=searched.is_structure, fitted=fitted
-            )
+            return decide_verdict(judged.choice, tried.checked, seen, is_structure=searched.is_structure, fitted=fitted)
 
         tried = trials.of(fit, terms_of(fit))
         verdict = verdict_on(trials, tried)

@@ -1,4 +1,4 @@
-"""Growth of small errors along a motion, and the parts of a recording that a model can predict.
+"""Growth of small errors along a motion.
 
 Along an unstable or chaotic motion a small error grows exponentially. A simulation then departs from the recording with
 the true law as well. Such a recording is divided into parts, each with an initial state of its own.

@@ -196,7 +196,9 @@ class Confirmation:
         one = self.confirm(alone)
         left = []
         for which in (confirmed, one):
-            left.append(total(check(self.problem.runs, *self._models(which), horizon_s=self.problem.horizon_s), "after"))
+            left.append(
+                total(check(self.problem.runs, *self._models(which), horizon_s=self.problem.horizon_s), "after")
+            )
         if not left[1] <= GAP.no_worse * left[0]:
             return confirmed
         why = f"the residual in MuJoCo is as small with {one.choice.best.label} alone"
