@@ -75,7 +75,10 @@ def check_responses(problem: FrequencyProblem) -> FileCheck:
 
 
 def _early(one: _Measured) -> tuple[int, ...]:
-    """Return the outputs whose response precedes its cause: all if they do so together, or single ones."""
+    """Return the columns of outputs whose response precedes its cause.
+
+    Outputs without a phase turn of their own go with the others, if all the others are early.
+    """
     count = one.own.shape[1]
     if one.data.is_magnitude:
         return ()
