@@ -36,6 +36,7 @@ VERBS = {
     "modal-test": "Estimate frequency responses, poles and mode shapes from recordings",
     "reproduce": "Reproduce the tables of the dissertation",
     "correct": "Correct a reduced model by a simulated modal test of a deviating structure",
+    "examples": "List the cases and recordings supplied with vlab, or copy them",
     "init": "Draft a case from a MuJoCo model and recordings",
     "check": "Check a case in seconds before a diagnosis: signs, units, delays, excitation, noise",
     "columns": "List the columns of a recording with their ranges and units",
