@@ -22,6 +22,7 @@ ROOMS = [
     "vlab.standalone",
     "vlab.hardware",
     "vlab.lab",
+    "vlab.environments",
     "vlab.cases",
     "vlab.diagnose.settings",
     "vlab.diagnose.kernels",

@@ -8,7 +8,6 @@ import difflib
 import re
 from collections.abc import Iterable
 
-
 NUMBERED = re.compile(r"(?P<before>.*?)(?P<number>\d+(?:\.\d+)?)(?P<after>\D*)")
 """NUMBERED: name with a number, such as ``coil:40in``."""
 
