@@ -212,5 +212,8 @@ def test_top_level_is_what_the_readme_promises():
         "controllers",
         "tests",
         "README.md",
+        "CHANGELOG.md",
+        "CONTRIBUTING.md",
+        "CITATION.cff",
         "LICENSE",
     }

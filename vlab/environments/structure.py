@@ -50,12 +50,12 @@ class _Held:
         return self.forces
 
 
-class StructureEnv(gymnasium.Env):  # type: ignore[misc]
+class StructureEnv(gymnasium.Env):
     """Active vibration control of a structure.
 
     An observation holds the velocities at the sensors [m/s], (n_sensors,). An action holds one force for each coil,
-    (n_coils,), from -1 to 1 in units of `limit`. The reward of a step is minus the mechanical energy relative to the
-    start, minus `effort` times the mean square of the action, times the duration of the step.
+    (n_coils,), from -1 to 1 in units of `limit`. The reward of a step is -(E/E0 + w mean(a^2)) h: mechanical energy E,
+    its start E0, weight w = `effort`, action a, duration h of the step [s].
 
     Parameters
     ----------

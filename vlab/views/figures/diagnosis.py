@@ -14,6 +14,7 @@ from vlab.views.figures.style import (
     COLOURS,
     GREY,
     INK,
+    ROLES,
     as_text,
     axis_label,
     channel_label,
@@ -30,12 +31,7 @@ LEAST_SAMPLES = 150
 SEGMENTS = 8
 MOST_LABELLED = 100.0
 """MOST_LABELLED [-]: largest frequency ratio of a half-width panel with labels within decades."""
-LOOKS: dict[str, dict[str, Any]] = {
-    "measured": {"color": INK, "linestyle": "-"},
-    "nominal": {"color": "#9a9a9a", "linestyle": (0, (1.2, 1.2))},
-    "calibrated": {"color": COLOURS[1], "linestyle": (0, (5, 1.6))},
-    "extended": {"color": COLOURS[0], "linestyle": "-"},
-}
+LOOKS = {name: ROLES[name] for name in ("measured", "nominal", "calibrated", "extended")}
 """LOOKS: line styles of the measurement and of every model."""
 
 

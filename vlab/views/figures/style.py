@@ -24,6 +24,19 @@ INK, GREY = "#000000", "#9a9a9a"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#56B4E9", "#E69F00")
 """COLOURS: Okabe-Ito without yellow, which is too light for a line on white."""
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (9, 2)), (0, (3, 1)), "-")
+ROLES: dict[str, dict[str, Any]] = {
+    "measured": {"color": INK, "linestyle": "-"},
+    "estimated": {"color": INK, "linestyle": "-"},
+    "simulated": {"color": INK, "linestyle": "-"},
+    "nominal": {"color": GREY, "linestyle": (0, (1.2, 1.2))},
+    "FE model": {"color": GREY, "linestyle": (0, (5, 1.6))},
+    "calibrated": {"color": COLOURS[1], "linestyle": (0, (5, 1.6))},
+    "fitted": {"color": COLOURS[1], "linestyle": (0, (5, 1.6))},
+    "extended": {"color": COLOURS[0], "linestyle": "-"},
+    "residual": {"color": COLOURS[2], "linestyle": "-"},
+}
+"""ROLES: looks of curves with a role. Data are black, a model before any fit is grey, a fitted model orange, a model with
+its missing physics blue. "simulated" means the record of a simulated experiment, which takes the place of a measurement."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 POINTS = 2000
 """POINTS [-]: most points of a line in a figure."""
