@@ -99,8 +99,21 @@ def build_parser(chosen: str | None = None) -> argparse.ArgumentParser:
     return parser
 
 
-def _parser_of(parser: argparse.ArgumentParser, verb: str) -> argparse.ArgumentParser:
-    """Return the parser of one command."""
+def parser_of(parser: argparse.ArgumentParser, verb: str) -> argparse.ArgumentParser:
+    """Return the parser of one command.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Parser of all commands.
+    verb : str
+        Command.
+
+    Returns
+    -------
+    ArgumentParser
+        Parser of the command.
+    """
     (verbs,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
     found: argparse.ArgumentParser = verbs.choices[verb]
     return found
@@ -116,7 +129,7 @@ def _check_words(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
         return
     if first not in VERBS:
         parser.error(f"unknown command {first!r}{_nearest(first, VERBS)} (accepted: {', '.join(VERBS)})")
-    own = _parser_of(parser, first)
+    own = parser_of(parser, first)
     known = [*own._option_string_actions, *parser._option_string_actions]
     for word in words:
         option = word.partition("=")[0]
@@ -177,7 +190,7 @@ def _run(words: Sequence[str]) -> int:
     with LeavingAtOnce():
         parser = build_parser(chosen)
         if not words or words[0] == "help":
-            (parser if chosen is None else _parser_of(parser, chosen)).print_help()
+            (parser if chosen is None else parser_of(parser, chosen)).print_help()
             return 0
         _check_words(parser, words)
         arguments = parser.parse_args(words)

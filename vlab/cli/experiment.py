@@ -18,6 +18,7 @@ from vlab.hardware.interlock import ORDER
 from vlab.lab.excitation import EXCITATIONS
 from vlab.lab.plan import DonePlan, Plan, load_plan, perform_plan
 from vlab.lab.run_folder import DoneRun, RunSettings
+from vlab.lab.suited import Suited, suited
 from vlab.views.rerun.viewer import PORT, listening, viewer_at
 
 RUN_OUT, PLAN_OUT = "out/run", "out/plan"
@@ -96,7 +97,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="multisine: excite odd lines only, with detection lines between them (default: all lines)",
     )
     parser.add_argument(
-        "--seconds", type=float, default=default.seconds, help="simulate this duration in s (default 60)"
+        "--seconds",
+        type=float,
+        help="simulate this duration in s (default: from the slowest mode of the plant; 60 with a law)",
     )
     parser.add_argument("--rate", type=float, help="sample loop and recording at this rate in Hz (default 2000)")
     parser.add_argument(
@@ -192,7 +195,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         high_hz=arguments.band[1] if arguments.band else None,
         period_s=arguments.period,
         odd=arguments.odd,
-        seconds=arguments.seconds,
+        seconds=RunSettings.seconds if arguments.seconds is None else arguments.seconds,
         rate_hz=arguments.rate,
         seed=arguments.seed,
         noise=arguments.noise,
@@ -201,6 +204,10 @@ def run(arguments: argparse.Namespace) -> Outcome:
         effect=tuple(arguments.effect),
         power_up=arguments.power_up,
     )
+    fitting = Suited(settings=settings)
+    if arguments.seconds is None:
+        fitting = suited(settings)
+        settings = fitting.settings
     prepared = settings.prepare()
     live = None
     if arguments.live is not None:
@@ -241,6 +248,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     text = "".join(f"powering up, after {fault.time:.0f} s: {fault.words}\n" for fault in prepared.faults)
     text += loop_text(document)
     text += period_text(prepared.experiment.excitation, settings.seconds)
+    text += f"{fitting.words}\n" if fitting.words else ""
     text += (
         f"{settings.seconds:g} s simulated at {done.real_time_factor:.0f} x real time; {len(names)} channels: {', '.join(names)}\n"
         f"written to {out}: {', '.join(files)}   (vlab show {out})"
