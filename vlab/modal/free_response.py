@@ -121,12 +121,12 @@ def estimate_free_response(
             f"{length} samples of {len(y)} are used; accepted: at least {LEAST_SAMPLES}, up to all; record longer or change --segment"
         )
     order = np.array([ORDER.get(recording.channels[recording.index(name)].kind, 0) for name in outputs])
+    names: tuple[str, ...] = ("release",) if signal.kind == "free" else tuple(outputs)
     if signal.kind == "free":
-        parts, names = [y[:length, :, None]], ("release",)
+        parts = [y[:length, :, None]]
     else:
-        longest = min(length, len(y) // (2 * BLOCKS))
-        parts, names = [_correlations(block, longest) for block in np.array_split(y, BLOCKS)], tuple(outputs)
-        length = longest
+        length = min(length, len(y) // (2 * BLOCKS))
+        parts = [_correlations(block, length) for block in np.array_split(y, BLOCKS)]
     decay = -np.log(end_level) / (length * dt)
     each = np.stack([_transformed(part, decay, dt, order) for part in parts])
     H, count = each.mean(axis=0), len(parts)

@@ -424,8 +424,9 @@ def _estimate(recording: Recording, test: ModalTest, signal: Signal) -> Measured
     inputs, outputs = _channels(recording, test)
     common: dict[str, Any] = {"inputs": inputs, "outputs": outputs, "estimator": test.estimator}
     if signal.kind in FREE_KINDS:
-        settings = {"end_level": test.end_level, "segment_s": test.segment_s}
-        return estimate_free_response(recording, signal, outputs=outputs, **settings)
+        return estimate_free_response(
+            recording, signal, outputs=outputs, end_level=test.end_level, segment_s=test.segment_s
+        )
     if signal.kind == "stepped":
         return estimate_stepped_frf(recording, signal.steps, **common)
     if signal.kind == "impact":

@@ -40,6 +40,8 @@ its missing physics blue. "simulated" means the record of a simulated experiment
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 POINTS = 2000
 """POINTS [-]: most points of a line in a figure."""
+SHORT = 0.5
+"""SHORT [m, m/s]: length or speed below which millimetres read better."""
 STYLE = {
     "font.family": "sans-serif",
     "font.size": 9.0,
@@ -129,6 +131,28 @@ def channel_label(channel: Channel) -> str:
 def axis_label(channel: Channel, *, power: str = "") -> str:
     """Return the axis label of a channel."""
     return as_text(f"{channel_label(channel)}\n[{pretty_unit(channel.unit)}{power}]")
+
+
+def readable(channel: Channel, largest: float) -> tuple[float, str]:
+    """Return the factor and unit in which values of a channel read well.
+
+    Parameters
+    ----------
+    channel : Channel
+        Channel in SI.
+    largest : float
+        Largest size of the values.
+
+    Returns
+    -------
+    tuple of (float, str)
+        Millimetres for short lengths, degrees for angles, else the channel's unit.
+    """
+    if channel.unit == "rad":
+        return float(np.degrees(1.0)), "deg"
+    if channel.unit in ("m", "m/s") and 0 < largest < SHORT:
+        return 1e3, f"m{channel.unit}"
+    return 1.0, channel.unit
 
 
 def draw_line(axes: Any, x: ArrayLike, y: ArrayLike, index: int, **options: Any) -> Any:
