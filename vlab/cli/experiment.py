@@ -19,6 +19,8 @@ from vlab.lab.excitation import EXCITATIONS
 from vlab.lab.plan import DonePlan, Plan, load_plan, perform_plan
 from vlab.lab.run_folder import DoneRun, RunSettings
 from vlab.lab.suited import Suited, suited
+from vlab.physics.attach import Attached
+from vlab.physics.spec import parse_effect
 from vlab.views.rerun.viewer import PORT, listening, viewer_at
 
 RUN_OUT, PLAN_OUT = "out/run", "out/plan"
@@ -246,6 +248,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
     document["periods"] = periods_of(prepared.experiment.excitation, settings.seconds)
     document |= loop_facts(done)
     text = "".join(f"powering up, after {fault.time:.0f} s: {fault.words}\n" for fault in prepared.faults)
+    applied = [parse_effect(effect, code=settings.named_code) for effect in settings.effect]
+    text += "".join(f"effect in the plant: {_applied(one)}\n" for one in applied)
     text += loop_text(document)
     text += period_text(prepared.experiment.excitation, settings.seconds)
     text += f"{fitting.words}\n" if fitting.words else ""
@@ -254,6 +258,13 @@ def run(arguments: argparse.Namespace) -> Outcome:
         f"written to {out}: {', '.join(files)}   (vlab show {out})"
     )
     return Outcome(document=document, text=text)
+
+
+def _applied(attached: Attached) -> str:
+    """Return an effect with its place and its values in SI."""
+    units = {p.name: "" if p.unit == "1" else f" {p.unit}" for p in attached.effect.parameters}
+    values = ", ".join(f"{name} = {value:.4g}{units[name]}" for name, value in attached.values.items())
+    return f"{attached.effect.name} at {attached.place}: {values}"
 
 
 def _write_views(folder: Path, done: DoneRun, *, report: bool) -> None:
