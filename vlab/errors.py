@@ -92,7 +92,7 @@ def _nearest_numbers(given: str, names: Iterable[str]) -> list[str]:
     A missing part before a colon does not count, as in ``40in`` for ``coil:40in``.
     """
     own = NUMBERED.fullmatch(given)
-    if own is None:
+    if own is None or not (own["before"] or own["after"]):  # a bare number is no place
         return []
     distances: dict[str, float] = {}
     for name in names:

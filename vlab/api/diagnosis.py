@@ -344,7 +344,7 @@ def candidate_effects(
         if family not in known:
             raise unknown_name("family of effects", family, known)
     if only:
-        named = [effect_named(name) for name in ([only] if isinstance(only, str) else only)]
+        named = [effect_named(name, code=()) for name in ([only] if isinstance(only, str) else only)]
         chosen = [effect for effect in dict.fromkeys(named) if effect.name in EFFECTS]
     else:
         chosen = [effect for effect in CANDIDATES if families is None or effect.family in families]

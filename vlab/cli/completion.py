@@ -47,7 +47,7 @@ NAMES: Mapping[str, Callable[[], Iterable[str]]] = {
     "excite": _excitations,
     "case": _cases,
 }
-"""Names by argument, imported when the shell asks for them."""
+"""Names by argument, imported at their use."""
 WITH_FILES = ("case", "structure")
 """Arguments that accept files, too."""
 
@@ -87,6 +87,6 @@ def _completer(action: argparse.Action, of_files: Callable[..., Iterable[str]]) 
 
 
 def answer_shell() -> None:
-    """Print the completions that the shell asks for; none without argcomplete."""
+    """Print the completions of the line in the environment; none without argcomplete."""
     with contextlib.suppress(ImportError):
         complete(os.environ.get("COMP_LINE", ""))

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from vlab.controllers import Controller
+from vlab.controllers.user_law import code_of
 from vlab.errors import BadExperiment
 from vlab.hardware import load_hardware
 from vlab.hardware.back_emf import brake_plant
@@ -107,8 +108,9 @@ class StructureEnv(gymnasium.Env):
                 raise BadExperiment(f"{name} is {value:g}; give a positive number")
         settings = (f"velocity_sensor.noise={noise!r}m/s",) if noise else ()
         self._hardware = load_hardware(None, settings)
+        code = tuple(filter(None, (code_of(text.partition("@")[0].strip()) for text in effects)))
         built = build_plant(load_structure(structure), plant, variant)
-        self._plant = brake_plant(attach(built, [parse_effect(text) for text in effects]), self._hardware)
+        self._plant = brake_plant(attach(built, [parse_effect(text, code=code) for text in effects]), self._hardware)
         rate = self._hardware.converter.rate
         self._per_decision = round(rate / decisions_hz)
         if self._per_decision < 1 or abs(self._per_decision * decisions_hz / rate - 1) > 1e-9:

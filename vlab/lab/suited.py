@@ -190,9 +190,9 @@ def _static_travel(modes: _Receptance, settings: RunSettings) -> float:
 
 
 def _random_travel(modes: _Receptance, settings: RunSettings) -> float:
-    """Return the largest peak travel under unit rms force of even density over the band [m/N].
+    """Return the largest peak travel under unit rms force over the band [m/N].
 
-    A mode of unit mass under a one-sided density G [N^2/Hz] has the variance G/(8 zeta omega^3).
+    A mode of unit mass under an even one-sided density G [N^2/Hz] has the variance G/(8 zeta omega^3).
     """
     excitation: Any = build_excitation(settings.excite, low_hz=settings.low_hz, high_hz=settings.high_hz)
     density = 1 / (excitation.high_hz - excitation.low_hz)

@@ -145,7 +145,10 @@ def estimate_free_response(
 
 
 def _transformed(part: Array, decay: float, dt: float, order: Array) -> ComplexArray:
-    """Return the Laplace transform at the decay of the window, in the highest derivative, (n_lines, n_outputs, n_columns)."""
+    """Return the Laplace transform, (n_lines, n_outputs, n_columns).
+
+    The transform is taken at the decay of the window and in the highest derivative.
+    """
     windowed = part * np.exp(-decay * dt * np.arange(len(part)))[:, None, None]
     H = dt * (np.fft.rfft(windowed, axis=0) - windowed[0] / 2)  # trapezoidal rule
     s = decay + 2j * np.pi * np.fft.rfftfreq(len(part), dt)
@@ -159,7 +162,10 @@ def _fluctuations(recording: Recording, outputs: Sequence[str]) -> Array:
 
 
 def _longest_lag(y: Array) -> int:
-    """Return the last lag at which an autocorrelation exceeds its scatter of Bartlett, (1/N) sum rho^2."""
+    """Return the last lag at which an autocorrelation exceeds its scatter.
+
+    The variance of the scatter is (2/N) sum rho^2 (Bartlett).
+    """
     n, most, longest = len(y), int(LAG_SHARE * len(y)), LEAST_SAMPLES
     for one in y.T[y.std(axis=0) > 0]:
         rho = signals.correlate(one, one, mode="full", method="fft")[n - 1 : n - 1 + most]
@@ -171,7 +177,7 @@ def _longest_lag(y: Array) -> int:
 
 
 def _correlations(y: Array, length: int) -> Array:
-    """Return correlations of outputs with references over lags from 0, (n_lags, n_outputs, n_outputs)."""
+    """Return correlations of outputs with references, (n_lags, n_outputs, n_outputs)."""
     n, count = len(y), y.shape[1]
     scaled = y / np.where(y.std(axis=0) > 0, y.std(axis=0), 1.0)  # references of one size
     out = np.empty((length, count, count))

@@ -28,7 +28,7 @@ ROLES: dict[str, dict[str, Any]] = {
     "measured": {"color": INK, "linestyle": "-"},
     "estimated": {"color": INK, "linestyle": "-"},
     "simulated": {"color": INK, "linestyle": "-"},
-    "nominal": {"color": GREY, "linestyle": (0, (1.2, 1.2))},
+    "nominal": {"color": GREY, "linestyle": (0, (2.5, 1.2))},
     "FE model": {"color": GREY, "linestyle": (0, (5, 1.6))},
     "calibrated": {"color": COLOURS[1], "linestyle": (0, (5, 1.6))},
     "fitted": {"color": COLOURS[1], "linestyle": (0, (5, 1.6))},

@@ -239,8 +239,9 @@ def comparison_figure(
     keep = _stretch(time, start, stop)
     factor, unit = readable(label, float(np.abs(truth).max()))
     shown = {"measured": factor * truth, "nominal": factor * model, "residual": factor * (truth - model)}
+    widths = {"measured": 1.8, "nominal": 0.8, "residual": 0.9}  # the nominal model lies over the measurement
     for axes, what in ((over, "measured"), (over, "nominal"), (rest, "residual")):
-        draw_line(axes, time[keep], shown[what][keep], 0, **{**ROLES[what], "lw": 0.9})
+        draw_line(axes, time[keep], shown[what][keep], 0, **{**ROLES[what], "linestyle": "-", "lw": widths[what]})
     rest.set_title(f"rms of the residual: {residual_percent(truth, model):.3g} % of the measurement's", loc="left")
     over.tick_params(labelbottom=False)
     over.set_title(as_text(channel_label(label)), loc="left")
