@@ -253,7 +253,9 @@ def run_modal_test(recordings: Sequence[Recording], test: ModalTest) -> ModalTes
     combined = combine_responses(responses)
     kinds = [recordings[0].channels[recordings[0].index(n)].kind for n in combined.outputs]
     mean = combined if True in is_free else as_displacement(combined, kinds)
-    poles = estimate_poles(mean, sample_rate=recordings[0].rate, band_hz=test.band_hz, n_modes=test.n_modes)
+    noted = {tuple(r.meta.get("band_hz", ())) for r in recordings}  # of a sweep, whose force leaks beyond
+    band: Any = test.band_hz or (noted.pop() if len(noted) == 1 else ()) or None
+    poles = estimate_poles(mean, sample_rate=recordings[0].rate, band_hz=band, n_modes=test.n_modes)
     poles = without_added_decay(poles, mean.added_decay)
     return ModalTestResult(
         responses=responses,
