@@ -1,7 +1,8 @@
 """Initial state of a recording: at rest, or estimated from its first samples.
 
 The linearised model gives the response of the compared channels to every mode's initial displacement and velocity.
-Linear least squares over the first two periods of the slowest mode gives both. The Bayesian information criterion [1]_
+Linear least squares over the first two periods of the slowest mode gives both; of a growing mode, over two
+e-foldings. The Bayesian information criterion [1]_
 chooses the number of modes. Gauss-Newton iterations on the model itself then account for large motion. The window is
 short, so a frequency error changes the phase little.
 
@@ -30,7 +31,7 @@ from vlab.plants.base import Plant
 from vlab.signals import Array, Channel, Recording
 
 PERIODS = 2.0
-"""PERIODS [1]: periods of the slowest oscillation in the estimate's window."""
+"""PERIODS [1]: periods of the slowest oscillation in the estimate's window, or e-foldings of the slowest growth."""
 LEAST_SAMPLES, MOST_SAMPLES = 20, 2000
 """LEAST_SAMPLES [samples]: shortest window of the estimate.
 MOST_SAMPLES [samples]: longest window."""
@@ -390,7 +391,11 @@ def _window(run: Run, freq: Array) -> int:
     """Return the number of samples in the window."""
     time = run.measured.time - run.measured.time[0]
     slow = freq[freq > 0.5 / time[-1]]  # modes with at least half a period in the recording
-    span = PERIODS / slow[0] if slow.size else time[-1] / 10 if freq.size == 0 else 0.0
+    growing = -2 * np.pi * freq[freq < 0]
+    growing = growing[growing * time[-1] > 1.0]  # rates [1/s] of modes that grow e-fold within the recording
+    span = max(PERIODS / slow[0] if slow.size else 0.0, PERIODS / growing[-1] if growing.size else 0.0)
+    if freq.size == 0:
+        span = time[-1] / 10
     count = int(np.searchsorted(time, span, side="right"))
     return min(max(count, LEAST_SAMPLES), MOST_SAMPLES, len(run.measured))
 

@@ -35,7 +35,7 @@ from vlab.diagnose.parameters.static_offset import StaticOffset, remove_static_o
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.alternative_conventions import choose_convention
-from vlab.diagnose.search.attempt import Trials, best_attempt, useful_terms
+from vlab.diagnose.search.attempt import Trials, best_attempt, without_useless
 from vlab.diagnose.search.confirmation import Confirmation, Confirmed
 from vlab.diagnose.search.deadline import Deadline
 from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised, choose_model_class
@@ -290,7 +290,7 @@ class _Pass:
         before, after = extended(problem, fit_before, wrong_offsets), seen.on(extended(problem, fit))
         without = seen.on(extended(problem, fit_before))
         if seen.is_missing and fit.terms:
-            on_fitted = check(problem.runs, without, after)
+            on_fitted = check(problem.runs, without, after, horizon_s=problem.horizon_s)
             is_explained = closes_gap(on_fitted, is_structure=is_structure)
             if not (is_explained or is_needed(confirmed.choice, on_fitted, is_structure=is_structure)):
                 fit, after = fit_before, without  # the findings from the data alone explain the recordings
@@ -303,26 +303,31 @@ class _Pass:
         nominal = ExtendedModel(plant=self.whole_case.plant)
         trials = Trials(problem=problem, seen=seen, runs=searched.runs, before=judged.before, nominal=nominal)
 
-        def tried_with(trials: Trials, fit: Fit) -> tuple[Attempt, Verdict]:
-            terms = findings_of_terms(judged.choice, fit, problem)
-            tried, fitted = trials.of(fit, terms), partial(_on_fit_runs, trials, fit, terms)
-            verdict = decide_verdict(
-                judged.choice, tried.checked, seen, is_structure=searched.is_structure, fitted=fitted
-            )
-            return tried, verdict
+        def terms_of(fit: Fit) -> list[Finding]:
+            return findings_of_terms(judged.choice, fit, problem)
 
-        tried, verdict = tried_with(trials, fit)
-        useful = useful_terms(tried, len(seen.of_law(problem)))
-        if verdict in NAMING and len(useful) < len(fit.terms):
-            fewer, same = tried_with(trials, replace(fit, terms=useful))
-            if same == verdict:
-                tried, fit = fewer, fewer.fit
+        def verdict_on(trials: Trials, tried: Attempt) -> Verdict:
+            fitted = partial(_on_fit_runs, trials, tried.fit, terms_of(tried.fit))
+            return decide_verdict(judged.choice, tried.checked, seen, is_structure=searched.is_structure, fitted=fitted)
+
+        tried = trials.of(fit, terms_of(fit))
+        verdict = verdict_on(trials, tried)
+        if verdict in NAMING:
+            tried = without_useless(
+                tried,
+                len(seen.of_law(problem)),
+                lambda fewer: trials.of(fewer, terms_of(fewer)),
+                lambda fewer: verdict_on(trials, fewer) == verdict,
+            )
+            if tried.fit is not fit:
+                fit = tried.fit
                 judged = replace(judged, fit=fit, after=seen.on(extended(problem, fit)))
         if verdict == "none-of-these" and not searched.is_structure:
-            coarse = coarse_steps(judged.before, searched.runs)
+            coarse = coarse_steps(judged.before, searched.runs, problem.horizon_s)
             if coarse:
                 finer = replace(trials, change=with_finer_steps)
-                again, second = tried_with(finer, fit)
+                again = finer.of(fit, terms_of(fit))
+                second = verdict_on(finer, again)
                 if second != verdict:
                     verdict, tried, trials = second, again, finer
                     judged = replace(
@@ -344,11 +349,12 @@ class _Pass:
         attempt = best_attempt(judged.tried, (trials.of_hypothesis(h, self.effects) for h in others))
         if attempt is None or not is_partial_explanation(attempt, judged.choice):
             return replace(judged, attempt=attempt)
-        useful = useful_terms(attempt, len(judged.seen.of_law(searched.problem)))
-        if len(useful) < len(attempt.fit.terms):
-            fit = replace(attempt.fit, terms=useful)
-            fewer = trials.of(fit, findings_of_terms(judged.choice, fit, searched.problem))
-            attempt = fewer if is_partial_explanation(fewer, judged.choice) else attempt
+        attempt = without_useless(
+            attempt,
+            len(judged.seen.of_law(searched.problem)),
+            lambda fewer: trials.of(fewer, findings_of_terms(judged.choice, fewer, searched.problem)),
+            lambda fewer: is_partial_explanation(fewer, judged.choice),
+        )
         after = judged.seen.on(extended(searched.problem, attempt.fit))
         after = after if trials.change is None else trials.change(after)
         return replace(judged, verdict="partly-explained", tried=attempt, fit=attempt.fit, after=after)

@@ -61,6 +61,8 @@ class Problem:
         Problem without forces of the model's own nonlinearity.
     timing : str
         Note on an estimated sampling convention.
+    horizon_s : float
+        Length of the parts in which unstable motion is predicted [s]; infinite for stable motion.
     """
 
     case: Case
@@ -79,6 +81,7 @@ class Problem:
     intensity: Mapping[float, float] = field(default_factory=dict)
     bare: "Problem | None" = None
     timing: str = ""
+    horizon_s: float = np.inf
 
     @property
     def model_error(self) -> float:
@@ -100,6 +103,11 @@ class Problem:
                 out.append(
                     f"{run.name}: searched from {part.t0:.4g} to {part.last_s:.4g} s of {whole:.4g} s; the verdict is on all of it"
                 )
+        if np.isfinite(self.horizon_s):
+            out.append(
+                "small errors grow exponentially along the motion (unstable or chaotic), so every recording is predicted in "
+                f"parts of about {self.horizon_s:.2g} s, each from a state of its own"
+            )
         out += unused(self.case.table.model.uncertain, self.parameters)
         return (*out, *getattr(self.plant, "notes", ()))
 

@@ -84,14 +84,16 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
             bias.append(y - system[i])
         return left, bias if worst < SIMULATOR_FIT.follows else None
 
-    def _run(self, plant: Plant, run: int, start: InitialState) -> Array:
-        """Return MuJoCo's simulation at a run's samples."""
-        trajectory, whole = self.moving.moving.trajectories[run], self.problem.runs[run]
-        first = whole.measured.time[0] + trajectory.time[0] - 1e-9  # the search may use a later part alone
-        part = whole.measured.between(first, np.inf)
-        recording = simulate(plant, replace(whole, measured=part), initial=start).recording
+    def _run(self, plant: Plant, index: int, start: InitialState) -> Array:
+        """Return MuJoCo's simulation at the samples of a run, or of a part."""
+        part = self.parts[index]
+        trajectory, whole = self.moving.moving.trajectories[part.run], self.problem.runs[part.run]
+        times = trajectory.time[part.first : part.end]
+        end = np.inf if part.end == len(trajectory) else whole.measured.time[0] + trajectory.time[part.end] - 1e-9
+        measured = whole.measured.between(whole.measured.time[0] + times[0] - 1e-9, end)  # the search may start later
+        recording = simulate(plant, replace(whole, measured=measured), initial=start).recording
         rest = self.reduced_model.rows.rest
-        time, at = recording.time - recording.time[0], trajectory.time - trajectory.time[0]
+        time, at = recording.time - recording.time[0], times - times[0]
         columns = [
             np.interp(at, time, recording[c.channel] + (rest[j] if c.from_rest else 0.0))
             for j, c in enumerate(self.problem.channels)
@@ -108,11 +110,11 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         """Return the linear system's channels of a fit, and the initial states."""
         y = self.move_starts(fit.terms, fit.theta, [dict(t.values) for t in fit.terms], fit.offsets)
         out, states, nv = [], [], self.reduced_model.m
-        for i, run in enumerate(self.runs):
-            motion = self.moving.systems[i].motion
+        for i, (run, part) in enumerate(zip(self.runs, self.parts, strict=True)):
+            motion = self.moving.systems[part.run].motion
             assert run.start is not None
-            q = self.moving.stepper.moved(motion.q[0], run.start[:nv])
-            how = "rest" if self.moving.moving.trajectories[i].at_rest else "estimated"
-            states.append(InitialState(qpos=q, qvel=motion.v[0] + run.start[nv:], how=how))
+            q = self.moving.stepper.moved(motion.q[part.first], run.start[:nv])
+            how = "rest" if part.first == 0 and self.moving.moving.trajectories[part.run].at_rest else "estimated"
+            states.append(InitialState(qpos=q, qvel=motion.v[part.first] + run.start[nv:], how=how))
             out.append(y[: len(run), i] + fit.offsets)
         return out, states

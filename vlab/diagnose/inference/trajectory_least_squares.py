@@ -58,7 +58,7 @@ class TrajectoryLeastSquares(LeastSquares):
     screen : TrajectoryScoreTest
         Screening along the motion.
     whole : bool
-        Whether to fit whole runs instead of windows.
+        Whether to fit whole runs, or the parts of unstable ones, instead of windows.
     without : sequence of Term
         Sensor effects to remove from the recordings before smoothing of the starts.
     """
@@ -76,13 +76,15 @@ class TrajectoryLeastSquares(LeastSquares):
         self.parts: list[Part] = []
         runs: list[Signals] = []
         for i, run in enumerate(screen.runs):
-            count = 1 if whole else max(1, min(TRAJECTORY_FIT.windows, len(run) // TRAJECTORY_FIT.least_window))
+            count = screen.part_counts[i]
+            if not whole:
+                count = max(count, min(TRAJECTORY_FIT.windows, len(run) // TRAJECTORY_FIT.least_window))
             edges = np.linspace(0, len(run), count + 1).astype(int)
             for j, (a, b) in enumerate(pairwise(edges)):
                 self.parts.append(Part(i, int(a), int(b)))
                 cut = {name: getattr(run, name)[a:b] for name in ("u", "load", "y")}
                 valid = None if run.valid is None else run.valid[a:b]
-                name = run.name if whole else f"{run.name}[{j}]"
+                name = run.name if count == 1 else f"{run.name}[{j}]"
                 runs.append(replace(run, name=name, **cut, valid=valid, start=smooth[a, i], at_rest=False))
         self.length = max(len(run) for run in runs)
         self.whole = whole

@@ -5,6 +5,7 @@ The method is that of `vlab.diagnose.inference.score_test` (Rao 1948).
 
 import copy
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -16,6 +17,7 @@ from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import Uncertain
 from vlab.diagnose.parameters.reduced_model import Discrete
+from vlab.diagnose.predictors.error_growth import parts_within_growth
 from vlab.diagnose.predictors.innovations import Cause, Group
 from vlab.diagnose.predictors.inverse_dynamics import changed_models, forces_of_change, middle_of_steps
 from vlab.diagnose.predictors.kalman import FilterGains as SteadyGains
@@ -68,6 +70,8 @@ class TrajectoryScoreTest(ScoreTest):
     stack: SystemBatch
     gains: FilterGains
     near: float | None
+    part_counts: list[int]
+    """Parts of every run within which small errors grow little."""
     changes: Array
     """Generalised forces (n, n_runs, nv, n_changes) per unit uncertain log factor."""
     now_known: Array
@@ -88,6 +92,13 @@ class TrajectoryScoreTest(ScoreTest):
         self._cache = ScreeningCache()
         self.theta = np.zeros(len(self.reduced_model.changes))
         self._along(1)
+        self.part_counts = [parts_within_growth(system) for system in self.systems]
+        horizons = [
+            float(c.time[-1] - c.time[0]) / count
+            for c, count in zip(moving.trajectories, self.part_counts, strict=True)
+            if count > 1
+        ]
+        self.problem = replace(problem, horizon_s=min(horizons, default=np.inf))
 
     def trusting(self, trust: float) -> "TrajectoryScoreTest":
         """Return the screening with a slower observer.

@@ -68,6 +68,7 @@ class Trials:
             seen.benign_interferences,
             nominal=change(self.nominal),
             ablations=ablate(problem, fit, seen, findings).changed(change),
+            horizon_s=problem.horizon_s,
         )
         return Attempt(findings=findings, fit=fit, checked=tuple(checked))
 
@@ -90,8 +91,10 @@ class Trials:
         return self.of(fit, findings_of_attempt(hypothesis, fit, self.problem))
 
 
-def useful_terms(attempt: Attempt, first: int) -> tuple[Term, ...]:
-    """Return the terms of an attempt whose removal increases the error on hold-out data.
+def without_useless(
+    attempt: Attempt, first: int, again: Callable[[Fit], Attempt], stands: Callable[[Attempt], bool]
+) -> Attempt:
+    """Return an attempt without the terms that do not help on hold-out data.
 
     An effect of a fit that does not help to predict other data is dropped (ablation). An idle effect stays, since its
     data cannot refute it.
@@ -102,12 +105,25 @@ def useful_terms(attempt: Attempt, first: int) -> tuple[Term, ...]:
         Attempt with a part per finding.
     first : int
         Index of the finding of the first term.
+    again : callable
+        Attempt with a fit of fewer terms.
+    stands : callable
+        Whether the attempt with fewer terms is as good an answer.
 
     Returns
     -------
-    tuple of Term
-        Useful and idle terms; all terms where none is useful.
+    Attempt
+        Attempt with useful and idle terms; `attempt` itself where all terms stay, or fewer do not stand.
     """
+    useful = _useful_terms(attempt, first)
+    if len(useful) == len(attempt.fit.terms):
+        return attempt
+    fewer = again(replace(attempt.fit, terms=useful))
+    return fewer if stands(fewer) else attempt
+
+
+def _useful_terms(attempt: Attempt, first: int) -> tuple[Term, ...]:
+    """Return the terms whose removal increases the error, and the idle ones; all terms where none is useful."""
     kept = []
     for i, term in enumerate(attempt.fit.terms, start=first):
         parts = [(run, run.parts[i]) for run in attempt.checked if len(run.parts) > i and not run.parts[i].is_idle]

@@ -196,7 +196,9 @@ class Confirmation:
         one = self.confirm(alone)
         left = []
         for which in (confirmed, one):
-            left.append(total(check(self.problem.runs, *self._models(which)), "after"))
+            left.append(
+                total(check(self.problem.runs, *self._models(which), horizon_s=self.problem.horizon_s), "after")
+            )
         if not left[1] <= GAP.no_worse * left[0]:
             return confirmed
         why = f"the residual in MuJoCo is as small with {one.choice.best.label} alone"
@@ -207,7 +209,8 @@ class Confirmation:
 
         The loudest and the quietest recording are simulated.
         """
-        checked = check(loudest_and_quietest(self.problem), *self._models(confirmed), self.seen.benign_interferences)
+        models, hum = self._models(confirmed), self.seen.benign_interferences
+        checked = check(loudest_and_quietest(self.problem), *models, hum, horizon_s=self.problem.horizon_s)
         errors = errors_of(checked)
         gap = gap_closed(errors["before"], errors["after"], errors["noise"])
         return gap is None or gap >= VERDICT.least_to_noise

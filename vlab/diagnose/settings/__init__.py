@@ -49,6 +49,7 @@ from vlab.diagnose.settings.parameters import (
 from vlab.diagnose.settings.precheck import PRECHECK
 from vlab.diagnose.settings.predictors import (
     EQUIVALENT_TABLE,
+    ERROR_GROWTH,
     FREQUENCY,
     FREQUENCY_MODEL,
     FREQUENCY_MODES,
@@ -100,6 +101,7 @@ __all__ = [
     "CROSS_VALIDATION",
     "DATA_FINDINGS",
     "EQUIVALENT_TABLE",
+    "ERROR_GROWTH",
     "EVIDENCE",
     "EXPORT",
     "FINAL_FIT",
@@ -218,6 +220,7 @@ SETTINGS: dict[str, Any] = {
     "parameters.terms": TERMS,
     "precheck.precheck": PRECHECK,
     "predictors.equivalent_table": EQUIVALENT_TABLE,
+    "predictors.error_growth": ERROR_GROWTH,
     "predictors.frequency": FREQUENCY,
     "predictors.frequency_model": FREQUENCY_MODEL,
     "predictors.frequency_modes": FREQUENCY_MODES,

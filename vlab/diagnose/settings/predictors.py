@@ -246,6 +246,15 @@ class TrajectorySettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ErrorGrowthSettings:
+    """Settings of `vlab.diagnose.predictors.error_growth`."""
+
+    most: float = 7.4
+    """most [1]: growth of a small error over a part of an unstable recording, above 1; default two e-foldings, untested.
+    Raising it lengthens the parts."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class TrajectoryDataSettings:
     """Settings of `vlab.diagnose.predictors.trajectory_data`."""
 
@@ -284,6 +293,7 @@ FREQUENCY_MODEL = FrequencyModelSettings()
 FREQUENCY_MODES = FrequencyModesSettings()
 FREQUENCY_RESIDUAL = FrequencyResidualSettings()
 EQUIVALENT_TABLE = EquivalentTableSettings()
+ERROR_GROWTH = ErrorGrowthSettings()
 INNOVATIONS = InnovationsSettings()
 KALMAN = KalmanSettings()
 LEVEL_MODES = LevelModesSettings()

@@ -84,6 +84,25 @@ def is_predicted(errors: Sequence[float], noise: float) -> bool:
     return noise >= 1.0 or least**2 - noise**2 < 0.5 * (1.0 - noise**2)
 
 
-def horizon_s(run: Run, count: int) -> float:
+def parts_within(run: Run, horizon_s: float) -> int:
+    """Return the number of equal parts within a horizon.
+
+    Parameters
+    ----------
+    run : Run
+        Recording.
+    horizon_s : float
+        Longest part [s].
+
+    Returns
+    -------
+    int
+        Number of parts, each long enough for a state of its own.
+    """
+    span = float(run.measured.time[-1] - run.measured.time[0])
+    return max(1, min(round(span / horizon_s), len(run.measured) // VALIDATION.least_part))
+
+
+def length_of_parts(run: Run, count: int) -> float:
     """Return the length of a part [s]; infinite for an uncut recording."""
     return np.inf if count == 1 else float(run.measured.time[-1] - run.measured.time[0]) / count

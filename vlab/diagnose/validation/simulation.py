@@ -20,7 +20,7 @@ from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import VALIDATION
 from vlab.diagnose.validation.gap import Distance, block_log_ratios, part_of
-from vlab.diagnose.validation.horizon import can_be_halved, horizon_s, is_predicted, parts_of
+from vlab.diagnose.validation.horizon import can_be_halved, is_predicted, length_of_parts, parts_of, parts_within
 from vlab.errors import BadCase, Diverged
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
@@ -222,6 +222,7 @@ def check(
     *,
     nominal: ExtendedModel | None = None,
     ablations: Ablations | None = None,
+    horizon_s: float = np.inf,
 ) -> list[Checked]:
     """Simulate runs with all models and compare.
 
@@ -239,6 +240,8 @@ def check(
         Nominal model; without one its errors are NaN.
     ablations : Ablations or None
         Models without single findings.
+    horizon_s : float
+        Longest part that is predicted from one state [s].
 
     Returns
     -------
@@ -247,14 +250,14 @@ def check(
     """
     ablations = ablations or Ablations()
     models = [nominal, before, after, *ablations.models]
-    counts = [1] * len(runs)
+    counts = [parts_within(run, horizon_s) for run in runs]
     pending = list(range(len(runs)))
     found: dict[int, Checked] = {}
     while pending:
         simulated = _simulated(models, [parts_of(runs[i], counts[i]) for i in pending])
         for i, own in zip(pending, simulated, strict=True):
-            horizon = horizon_s(runs[i], counts[i])
-            found[i] = _checked(runs[i], models, own, interferences, ablations.names, horizon)
+            length = length_of_parts(runs[i], counts[i])
+            found[i] = _checked(runs[i], models, own, interferences, ablations.names, length)
         pending = [i for i in pending if can_be_halved(runs[i], counts[i]) and not _is_predicted(found[i])]
         for i in pending:
             counts[i] *= 2
@@ -303,7 +306,7 @@ def with_finer_steps(model: ExtendedModel) -> ExtendedModel:
     return replace(model, plant=at_timestep(model.plant, model.plant.timestep / VALIDATION.finer))
 
 
-def coarse_steps(model: ExtendedModel, runs: Sequence[Run]) -> str:
+def coarse_steps(model: ExtendedModel, runs: Sequence[Run], horizon_s: float = np.inf) -> str:
     """Return a note where shorter time steps change runs.
 
     The change must exceed the noise. No physics compensates integration error. Both models are simulated over the same
@@ -315,6 +318,8 @@ def coarse_steps(model: ExtendedModel, runs: Sequence[Run]) -> str:
         Calibrated model.
     runs : sequence of Run
         Recordings.
+    horizon_s : float
+        See `check`.
 
     Returns
     -------
@@ -322,7 +327,7 @@ def coarse_steps(model: ExtendedModel, runs: Sequence[Run]) -> str:
         Note, or "".
     """
     worst, where = 0.0, ""
-    for own in check(runs, model, with_finer_steps(model)):
+    for own in check(runs, model, with_finer_steps(model), horizon_s=horizon_s):
         _, one, two = own.simulated
         if one is None or two is None:
             continue
