@@ -21,6 +21,7 @@ from typing import Any, Literal
 
 from vlab import __version__
 from vlab.errors import BadExperiment, BadRecording, OutputRefused, VlabError, unknown_name
+from vlab.files.examples import located
 from vlab.files.output_folder import MANIFEST, folder_beside, output_folder
 from vlab.files.plain_text import read_plain_text
 from vlab.files.toml import Reader
@@ -160,7 +161,7 @@ def load_plan(path: Path | str) -> Plan:
     BadExperiment
         The file is malformed or has no records, a key is unknown or missing, or a value has the wrong kind.
     """
-    reader = Reader(path, provenance_required=False, error=BadExperiment)
+    reader = Reader(located(path), provenance_required=False, error=BadExperiment)
     raw = reader.load()
     accepted = ("title", "concealed", "settings", "model", "record")
     for key in raw:
