@@ -18,7 +18,10 @@ from vlab.controllers.law_file import load_law
 
 import vlab.proof.prove as proving
 from vlab.cases import compare_case, load_case
+from vlab.cases.case import CASE as CASE_NAME
+from vlab.cases.draft import draft_case
 from vlab.cli import main
+from vlab.diagnose.precheck import precheck_case
 from vlab.diagnose.predictors.frequency_problem import prepare_frequency
 from vlab.errors import VlabError
 from vlab.fe import build_fe_model
@@ -126,6 +129,25 @@ def rig(folder, kind):
 
 def compared(folder):
     json.dumps(finite(compare_case(folder).to_json(overlay=True)), allow_nan=False)
+
+
+def checked(folder):
+    json.dumps(finite(precheck_case(folder).to_json()), allow_nan=False)
+
+
+def drafted(folder):
+    """A case of a model and its logs is drafted, and can be read."""
+    draft = draft_case(str(folder / "rig.xml"), [folder / "run.csv", folder / "again.csv"], folder)
+    (folder / CASE_NAME).write_text(draft.text)
+    load_case(folder)
+
+
+def logged(folder):
+    """A model with two logs whose columns have the names of its parts, and no case."""
+    (folder / "rig.xml").write_text(RIG)
+    rows = "\n".join(",".join(f"{value:.6g}" for value in row) for row in zip(*COLUMNS.values(), strict=True))
+    for name in ("run", "again"):
+        (folder / f"{name}.csv").write_text(f"t [s],motor [N m],encoder [rad]\n{rows}\n")
 
 
 def structure(folder):
@@ -277,6 +299,8 @@ KINDS = {
         kind: (lambda folder, kind=kind: rig(folder, kind), compared, (f"run.{kind}",))
         for kind in ("csv", "parquet", "uff", "mat", "npz")
     },
+    "checked": (lambda folder: rig(folder, "csv"), checked, ("case.toml", "rig.xml", "run.csv")),
+    "drafted": (logged, drafted, ("run.csv", "rig.xml")),
     "structure": (structure, structured, ("beam.toml", "laboratory.toml", "law.toml", "case.toml")),
     "frame": (frame, responded, ("swansea.toml", "southampton.toml", "modal.toml", "swansea.csv", "force_floor1.mat")),
     "run": (experiment, planned, ("run/run.toml", "run/manifest.json", "run/recording.parquet", "plan.toml")),

@@ -21,6 +21,7 @@ ROOMS = [
     "vlab/recordings",
     "vlab/plants",
     "vlab/lab",
+    "vlab/environments",
     "vlab/modal",
     "vlab/fe",
     "vlab/structure",

@@ -22,6 +22,7 @@ ROOMS = [
     "vlab.standalone",
     "vlab.hardware",
     "vlab.lab",
+    "vlab.environments",
     "vlab.cases",
     "vlab.diagnose.settings",
     "vlab.diagnose.kernels",
@@ -211,5 +212,8 @@ def test_top_level_is_what_the_readme_promises():
         "controllers",
         "tests",
         "README.md",
+        "CHANGELOG.md",
+        "CONTRIBUTING.md",
+        "CITATION.cff",
         "LICENSE",
     }

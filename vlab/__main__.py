@@ -10,6 +10,11 @@ from vlab.interrupts import LeavingAtOnce
 def main() -> int:
     """Run the command of the process's arguments; return its exit status."""
     with LeavingAtOnce():
+        if "_ARGCOMPLETE" in os.environ:  # the shell asks for completions
+            from vlab.cli.completion import answer_shell
+
+            answer_shell()
+            return 0
         from vlab.cli import main as run
     return run(sys.argv[1:])
 

@@ -5,7 +5,11 @@ the accepted values and the likely fix. The command line prints exactly that lin
 """
 
 import difflib
+import re
 from collections.abc import Iterable
+
+NUMBERED = re.compile(r"(?P<before>.*?)(?P<number>\d+(?:\.\d+)?)(?P<after>\D*)")
+"""NUMBERED: name with a number, such as ``coil:40in``."""
 
 
 class VlabError(Exception):
@@ -76,7 +80,26 @@ def unknown_name(kind: str, given: str, known: Iterable[str], *, where: str = ""
         Exception to raise.
     """
     names = list(known)
-    near = difflib.get_close_matches(given, names, n=1, cutoff=0.5)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
+    near = _nearest_numbers(given, names) or difflib.get_close_matches(given, names, n=1, cutoff=0.5)
+    hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
     place = f"{where}: " if where else ""
     return UnknownName(f"{place}unknown {kind} {given!r}{hint} (accepted: {', '.join(names) or 'none'})")
+
+
+def _nearest_numbers(given: str, names: Iterable[str]) -> list[str]:
+    """Return the names that differ in their number only, at the smallest distance.
+
+    A missing part before a colon does not count, as in ``40in`` for ``coil:40in``.
+    """
+    own = NUMBERED.fullmatch(given)
+    if own is None or not (own["before"] or own["after"]):  # a bare number is no place
+        return []
+    distances: dict[str, float] = {}
+    for name in names:
+        other = NUMBERED.fullmatch(name)
+        if other is None or other["after"] != own["after"]:
+            continue
+        if own["before"] in (other["before"], other["before"].rpartition(":")[2]):
+            distances[name] = abs(float(other["number"]) - float(own["number"]))
+    least = min(distances.values(), default=0.0)
+    return [name for name, distance in distances.items() if distance == least][:2]

@@ -223,9 +223,9 @@ class Recording:
     def __getitem__(self, name: str) -> Array:
         return self.data[:, self.index(name)]
 
-    def select(self, names: Sequence[str]) -> "Recording":
-        """Return the recording of the named channels."""
-        columns = [self.index(name) for name in names]
+    def select(self, names: str | Sequence[str]) -> "Recording":
+        """Return the recording of the named channel or channels."""
+        columns = [self.index(name) for name in ([names] if isinstance(names, str) else names)]
         missing = None if self.missing is None else self.missing[:, columns]
         channels = tuple(self.channels[i] for i in columns)
         return replace(self, data=self.data[:, columns], channels=channels, missing=missing)

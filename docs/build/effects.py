@@ -295,8 +295,8 @@ def overview() -> str:
 
 HEAD = f"""# Catalogue of effects
 
-This page and its figures are generated from the code of the {len(EFFECTS)} effects. `vlab effects` prints the same
-catalogue. `vlab effects NAME` prints one entry.
+This page and its figures are generated from the code of the {len(EFFECTS)} effects. `vlab effects` prints the
+catalogue as a table. `vlab effects NAME` prints one entry.
 
 An effect has one law. The same law serves MuJoCo simulation, the fits of a diagnosis and the screening.
 [Theory of the bench](../theory/bench.md#effects) describes how a law enters a simulation.

@@ -188,10 +188,12 @@ def test_time_in_milliseconds_that_is_said_is_read(tmp_path, masses):
 
 def test_slow_samples_of_slow_motion_are_no_milliseconds(tmp_path):
     rng = np.random.default_rng(5)
-    u = np.repeat(noise_input(rng, 0.6, 0.0, 20.0), 40)  # a step every 0.2 s, sampled as often
-    q = integrate(Thing().accelerations, u, 2)[::40]
-    run = {"force": u[::40], "one": q[:, 0], "two": q[:, 1]}
-    assert found(masses_case(tmp_path, {"run1": run, "run2": run}, times=40.0)) == []
+    runs = {}
+    for name in ("run1", "run2"):
+        u = np.repeat(noise_input(rng, 0.6, 0.0, 20.0), 40)  # a step every 0.2 s, sampled as often
+        q = integrate(Thing().accelerations, u, 2)[::40]
+        runs[name] = {"force": u[::40], "one": q[:, 0], "two": q[:, 1]}
+    assert found(masses_case(tmp_path, runs, times=40.0)) == []
 
 
 # ---- what is right, and what is physics, is not named -----------------------------------------------------------------
@@ -286,3 +288,14 @@ def test_a_comparison_says_which_channels_stand_still(tmp_path, masses):
     )
     assert [m.channel for m in compared.runs[0].misfits] == ["x1"]
     assert "run1: d2 is 0.001 m throughout" in compared.remarks[0]
+
+
+# ---- copies ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_held_out_copy_of_a_fitted_recording_verifies_nothing(tmp_path, masses):
+    case = masses_case(tmp_path, dict.fromkeys(masses, masses["run1"]))
+    fatal = check_recordings(case).of("fatal")
+    assert len(fatal) == 1
+    assert "run3: all readings equal those of run1, which is fitted" in fatal[0]
+    assert not check_recordings(masses_case(tmp_path / "other", masses)).of("fatal")

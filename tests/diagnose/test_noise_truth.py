@@ -11,6 +11,7 @@ from synthetic import run_of
 
 from vlab.diagnose.data.free_decay import without_decays
 from vlab.diagnose.data.noise import estimate_noise, known_noise, noise_notes
+from vlab.diagnose.data.noise_floor import even_floor
 from vlab.diagnose.data.repeats import repeat_noise, with_repeats
 
 CHAIN = CHAINS["carriages"]
@@ -242,3 +243,11 @@ def test_notes_say_how_the_noise_was_got():
     run = run_of(TIME, {"x": x}, {"u": force(28)})
     assert noise_notes([stated(run, 0.03 * np.std(x))], ["x"]) == ["noise of x: 3 % of its rms, as the case states"]
     assert noise_notes([run], ["x"]) == ["noise of x: 0.01 % of its rms, assumed, as the recording shows less"]
+
+
+def test_a_sensor_that_reads_zero_throughout_has_the_least_noise():
+    inputs = np.random.default_rng(3).standard_normal((4000, 1))
+    for constant in (0.0, 1e-3):
+        floor = even_floor(np.full(4000, constant), inputs)
+        assert floor.source == "least"
+        assert 0.0 < floor.sigma < 1.0

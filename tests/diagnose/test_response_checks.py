@@ -44,6 +44,12 @@ def s_of(f):
 
 SLIPS = {
     "conjugated": (lambda f, H: (f, H.conj()), "conjugate = true", FORM, f"{FORM}\nconjugate = true"),
+    "one of three conjugated": (
+        lambda f, H: (f, np.where([False, True, False], H.conj(), H)),
+        'conjugate = true in every [[frf.channel]] with at = "sensor2"',
+        'at = "sensor2"',
+        'at = "sensor2"\nconjugate = true',
+    ),
     "millimetres": (lambda f, H: (f, 1e3 * H), 'unit = "mm/N" in every [[frf]]', FORM, f'{FORM}\nunit = "mm/N"'),
     "inches": (lambda f, H: (f, H / 0.0254), 'unit = "in/N" in every [[frf]]', FORM, f'{FORM}\nunit = "in/N"'),
     "pounds": (lambda f, H: (f, 4.4482216 * H), 'unit = "m/lbf"', FORM, f'{FORM}\nunit = "m/lbf"'),
@@ -75,6 +81,15 @@ def test_a_slip_is_named_with_the_line_that_mends_it(tmp_path, change, line, old
     if new == 'at = "x"':
         edit(tmp_path, 'at = "sensor3"', old)
         edit(tmp_path, new, 'at = "sensor3"')
+    assert found(tmp_path) == []
+
+
+def test_of_two_conjugated_outputs_each_is_named_and_the_third_is_not(tmp_path):
+    rewritten(tmp_path, lambda f, H: (f, np.where([True, False, True], H.conj(), H)))
+    texts = [text for _, text in found(tmp_path)]
+    assert [f"sensor{k}" in "".join(texts) for k in (1, 2, 3)] == [True, False, True]
+    for k in (1, 3):
+        edit(tmp_path, f'at = "sensor{k}"', f'at = "sensor{k}"\nconjugate = true')
     assert found(tmp_path) == []
 
 

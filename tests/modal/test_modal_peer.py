@@ -25,7 +25,7 @@ def tested():
 
 
 def theirs(result):
-    EMA = pytest.importorskip("sdypy.EMA", reason="sdypy-EMA is not installed (pip install 'vlab[test]')")
+    EMA = pytest.importorskip("sdypy.EMA", reason="sdypy-EMA is not installed (pip install 'vlab-vibration[test]')")
     frf = result.mean.between(*BAND)
     # the package wants lines from 0 Hz on: those below the band are filled with the first
     spacing = np.median(np.diff(frf.freq))

@@ -135,7 +135,7 @@ def test_a_library_that_misbehaves_harms_nobody(tmp_path, monkeypatch, what):
 
 def test_a_library_that_is_missing_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(isolated, "is_installed", lambda library: False)
-    with pytest.raises(BadRecording, match=r"reading \.tdms files needs nptdms; pip install 'vlab\[tdms\]'"):
+    with pytest.raises(BadRecording, match=r"reading \.tdms files needs nptdms; pip install 'vlab-vibration\[tdms\]'"):
         opened(tmp_path, sound.tdms(), "run.tdms")
     with pytest.raises(BadRecording, match=r"reading \.mat files needs h5py; pip install h5py"):
         opened(tmp_path, sound.matlab_73(), "run.mat")

@@ -39,7 +39,7 @@ def write(tmp_path, name, content):
 def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch):
     monkeypatch.setattr(isolated, "is_installed", lambda library: False)
     for name, extra in (("run.xlsx", "xlsx"), ("run.mcap", "ros"), ("run.db3", "ros")):
-        with pytest.raises(BadRecording, match=rf"pip install 'vlab\[{extra}\]'"):
+        with pytest.raises(BadRecording, match=rf"pip install 'vlab-vibration\[{extra}\]'"):
             open_table(write(tmp_path, name, b"PK\3\4"))
 
 

@@ -164,7 +164,7 @@ def test_the_command_writes_differences_and_comac(tmp_path, capsys, quick_layout
         assert np.shape(document["cross_mac"][plant]) == (2, 2)
         assert np.diag(document["cross_mac"][plant]).min() > 0.99
         for mode in (1, 2):
-            ElementTree.fromstring((folder / f"difference-{plant}-mode{mode}.svg").read_text(encoding="utf-8"))
+            ElementTree.fromstring((folder / f"difference-{plant}-mode{mode:02d}.svg").read_text(encoding="utf-8"))
 
 
 def test_rounding_at_held_points_is_no_motion():

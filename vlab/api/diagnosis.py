@@ -12,12 +12,15 @@ from vlab.controllers.user_law import code_of
 from vlab.diagnose.diagnosis import Finding, RejectedCase, Verdict
 from vlab.diagnose.export import Done, native_model
 from vlab.diagnose.kernels.parallel import limited_to
+from vlab.diagnose.parameters.locations import is_named, limited
 from vlab.diagnose.pipeline import diagnose as run_pipeline
 from vlab.errors import BadExperiment, OutputRefused, unknown_name
 from vlab.files.output_folder import finite, output_folder, write_manifest
 from vlab.files.text import in_line
 from vlab.physics.catalogue import CANDIDATES, EFFECTS, effect_named
 from vlab.physics.effect import Effect
+from vlab.plants.base import Plant
+from vlab.plants.mjcf import MjcfPlant
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -220,6 +223,8 @@ def diagnose(
     *,
     effects: Sequence[Effect | str] | None = None,
     families: Sequence[str] | None = None,
+    only: Sequence[str] | None = None,
+    at: Sequence[str] | None = None,
     jobs: int | None = None,
     time_limit: float | None = None,
     progress: Progress = True,
@@ -236,6 +241,11 @@ def diagnose(
     families : sequence of str, optional
         Families of the catalogue that are searched, such as ``["friction"]``; ``[]`` for your own effects alone. The
         default is the whole catalogue.
+    only : sequence of str, optional
+        Effects of the catalogue that are searched, such as ``["coulomb-friction", "dead-band"]``, in place of `families`.
+    at : sequence of str, optional
+        Places at which effects are sought, such as ``["joint:elbow"]``; all places by default. A name without its kind
+        means all places of that name.
     jobs : int, optional
         Most processes at a time; one a core by default.
     time_limit : float, optional
@@ -257,20 +267,51 @@ def diagnose(
     BadExperiment
         A setting is impossible, or two effects have one name.
     UnknownName
-        No such family or effect.
+        No such family, effect or place.
     """
     if jobs is not None and jobs < 1:
         raise BadExperiment(f"jobs is {jobs}; give a whole number from 1, or None for one a core")
     if time_limit is not None and not time_limit > 0:
         raise BadExperiment(f"the time limit is {time_limit:g} s; give a positive number of seconds")
-    candidates = candidate_effects(effects or (), families)
+    candidates = candidate_effects(effects or (), families, only)
     case = case if isinstance(case, Case) else load_case(case)
+    if at:
+        names = [at] if isinstance(at, str) else list(at)
+        check_places(case.plant, names)
+        candidates = [limited(effect, names) for effect in candidates]
     with limited_to(jobs), reported(progress, "diagnose") as report:
         done = run_pipeline(case, effects=candidates, progress=report, time_limit=time_limit)
     return Diagnosis(case, done)
 
 
-def candidate_effects(own: Sequence[Effect | str], families: Sequence[str] | None = None) -> list[Effect]:
+def check_places(plant: Plant, names: Sequence[str]) -> None:
+    """Refuse names of places that the model does not have.
+
+    Parameters
+    ----------
+    plant : Plant
+        Nominal model.
+    names : sequence of str
+        Names with or without their kind.
+
+    Raises
+    ------
+    UnknownName
+        No such place.
+    """
+    known = [*plant.ports, *(f"actuator:{a.name.removeprefix('coil:')}" for a in plant.actuators), "chain"]
+    known += [f"sensor:{s.name.removeprefix('sensor:')}" for s in plant.sensors]
+    if isinstance(plant, MjcfPlant):
+        known += [f"body:{plant.model.body(i).name}" for i in range(1, plant.model.nbody)]
+        known += [f"site:{plant.model.site(i).name}" for i in range(plant.model.nsite)]
+    for name in names:
+        if not any(is_named(place, [name]) for place in known):
+            raise unknown_name("place", name, dict.fromkeys(known))
+
+
+def candidate_effects(
+    own: Sequence[Effect | str], families: Sequence[str] | None = None, only: Sequence[str] | None = None
+) -> list[Effect]:
     """Return the effects that a diagnosis searches.
 
     Parameters
@@ -279,6 +320,8 @@ def candidate_effects(own: Sequence[Effect | str], families: Sequence[str] | Non
         Effects of the user.
     families : sequence of str or None
         Families of the catalogue; all by default.
+    only : sequence of str or None
+        Effects of the catalogue in place of families.
 
     Returns
     -------
@@ -288,17 +331,23 @@ def candidate_effects(own: Sequence[Effect | str], families: Sequence[str] | Non
     Raises
     ------
     BadExperiment
-        Two effects have one name, or none is left.
+        Two effects have one name, none is left, or families and effects are restricted together.
     UnknownName
         No such family or effect.
     """
+    if only and families:
+        raise BadExperiment("families and single effects are both restricted; give one of them")
     known = list(dict.fromkeys(effect.family for effect in CANDIDATES))
     if isinstance(families, str):
         families = [families]
     for family in families or ():
         if family not in known:
             raise unknown_name("family of effects", family, known)
-    chosen = [effect for effect in CANDIDATES if families is None or effect.family in families]
+    if only:
+        named = [effect_named(name, code=()) for name in ([only] if isinstance(only, str) else only)]
+        chosen = [effect for effect in dict.fromkeys(named) if effect.name in EFFECTS]
+    else:
+        chosen = [effect for effect in CANDIDATES if families is None or effect.family in families]
     for given in own:
         effect = given if isinstance(given, Effect) else effect_named(given, code=[code_of(given)])
         others = chosen if effect is EFFECTS.get(effect.name) else [*EFFECTS.values(), *chosen]

@@ -7,6 +7,7 @@ from vlab.api.progress import Progress, reported
 from vlab.files.output_folder import check_output, output_folder
 from vlab.lab.experiment import Result
 from vlab.lab.run_folder import DoneRun, PreparedRun, RunSettings, simulate_run
+from vlab.lab.suited import suited
 from vlab.recordings import write_recording
 
 Watch = Callable[[float, Callable[[], Result]], None]
@@ -27,7 +28,7 @@ def experiment(
     band_hz: tuple[float, float] | None = None,
     period_s: float | None = _DEFAULT.period_s,
     odd: bool | None = _DEFAULT.odd,
-    seconds: float = _DEFAULT.seconds,
+    seconds: float | None = None,
     rate_hz: float | None = _DEFAULT.rate_hz,
     seed: int = _DEFAULT.seed,
     noise: float = _DEFAULT.noise,
@@ -64,8 +65,9 @@ def experiment(
         Period of the excitation or of one sweep [s].
     odd : bool, optional
         Multisine: odd lines only.
-    seconds : float
-        Simulated duration [s].
+    seconds : float, optional
+        Simulated duration [s]; without a law, duration and period follow from the slowest mode of the plant. With a law
+        60 s.
     rate_hz : float, optional
         Sample rate of loop and recording [Hz]; that of the hardware by default.
     seed : int
@@ -112,7 +114,7 @@ def experiment(
         high_hz=band_hz[1] if band_hz else None,
         period_s=period_s,
         odd=odd,
-        seconds=seconds,
+        seconds=_DEFAULT.seconds if seconds is None else seconds,
         rate_hz=rate_hz,
         seed=seed,
         noise=noise,
@@ -121,8 +123,10 @@ def experiment(
         effect=tuple(effects),
         power_up=power_up,
     )
+    if seconds is None:
+        settings = suited(settings).settings
     with reported(progress, "experiment") as report:
-        advance = None if report is None else lambda done_s: report(done_s / seconds, "simulating")
+        advance = None if report is None else lambda done_s: report(done_s / settings.seconds, "simulating")
         return run_prepared(settings.prepare(), out, overwrite=overwrite, progress=advance)
 
 

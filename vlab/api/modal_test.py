@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from vlab.errors import BadRecording
+from vlab.files.examples import located
 from vlab.lab.run_folder import DoneRun, RunSettings, load_run
 from vlab.modal.dwell import DwellResult
 from vlab.modal.frf import Estimator
@@ -152,6 +153,7 @@ def load_runs(
     BadRecording
         Records in time and frequency responses are mixed, a file is damaged, or its columns are not named.
     """
+    sources = [located(one) if isinstance(one, str) else one for one in sources]
     tables = [open_table(one) if isinstance(one, str | Path) and not Path(one).is_dir() else None for one in sources]
     named = [_name(text) for text in (*inputs, *outputs)] if inputs and outputs else []
     given = [

@@ -10,7 +10,7 @@ from vlab.files.text import in_line
 Progress = bool | Callable[[float, str], None] | None
 """True: a bar on stderr if stderr is a terminal. A function receives the completed share and the present step."""
 
-SHARE_FORMAT = "{desc}: {bar} {percentage:.0f} %  {elapsed}, {remaining} left  {postfix}"
+SHARE_FORMAT = "{desc}: {bar} {percentage:.0f} %  {elapsed}, {remaining} left{postfix}"
 """Form of a bar that shows the completed share and the present step."""
 
 

@@ -89,7 +89,7 @@ def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Ro
     progress("one tick of a 24-state LQG")
     rows += [tick_row(), *design_rows(progress)]
     if not HAS_SYSID:
-        progress("no refit to real recordings, for lack of its peer: pip install 'vlab[sysid]'")
+        progress("no refit to real recordings, for lack of its peer: pip install 'vlab-vibration[sysid]'")
         return rows
     progress("a refit to real recordings, and a whole diagnosis, some minutes")
     return [*rows, *refit_rows()]

@@ -14,6 +14,7 @@ from vlab.cases.description import CaseTable, ModelTable, RecordingTable
 from vlab.cases.in_memory import LABEL, prefixed, read_arrays, read_model
 from vlab.cases.written_out import WrittenOut, check_file, write_out
 from vlab.errors import BadCase, VlabError, unknown_name
+from vlab.files.examples import located
 from vlab.files.text import one_line
 from vlab.files.toml import Reader
 from vlab.hardware import Hardware, load_hardware
@@ -300,7 +301,7 @@ def load_case(path: Path | str, *, allow_outside: bool = False) -> Case:
     Parameters
     ----------
     path : Path or str
-        Folder or file of the case.
+        Folder or file of the case, or ``example:NAME`` of a case supplied with vlab.
     allow_outside : bool
         Whether the case may name files outside its folder.
 
@@ -316,7 +317,7 @@ def load_case(path: Path | str, *, allow_outside: bool = False) -> Case:
     BadStructure
         The model cannot be built.
     """
-    path = Path(path)
+    path = Path(located(path))
     is_folder = path.is_dir()
     if is_folder and not (path / CASE).exists():
         raise BadCase(f"{path}: there is no {CASE} in this folder; draft one: vlab init MODEL.xml LOG... --out {path}")

@@ -76,7 +76,7 @@ def estimate_linear_start(problem: StartProblem, linear: SecondOrderModel) -> tu
     Raises
     ------
     BadCase
-        No mode lies below the band of the recording.
+        No mode lies below the band of the recording, or the first one grows out of all numbers.
     """
     omega, all_shapes = linear.eigen
     time = problem.run.measured.time
@@ -93,16 +93,23 @@ def estimate_linear_start(problem: StartProblem, linear: SecondOrderModel) -> tu
         slowest = 2 * np.pi / (time[-1] - time[0])
         problem.shapes = all_shapes[:, chosen]
         problem.scale = np.concatenate([np.ones(m), np.maximum(np.abs(omega[chosen]), slowest)])
-        matrix, forced = _responses(problem, omega[chosen], linear)
+        with np.errstate(over="ignore", invalid="ignore"):  # growth out of all numbers ends the search below
+            matrix, forced = _responses(problem, omega[chosen], linear)
         target = ((problem.measured - forced) * problem.weight).ravel()
         matrix *= np.tile(problem.weight, len(time))[:, None]
+        if not (np.isfinite(matrix).all() and np.isfinite(target).all()):
+            break  # the mode grows out of all numbers within the window
         x = np.linalg.lstsq(matrix, target, rcond=1e-9)[0]
         left = target - matrix @ x
         floor = 1e-20 * float(target @ target) + 1e-300  # rounding level: a better fit has no meaning
         score = target.size * np.log(float(left @ left) + floor) + 2 * m * np.log(target.size)
         if best is None or score < best[0]:
             best = (float(score), x, m, float(left @ left))
-    assert best is not None
+    if best is None:
+        raise BadCase(
+            f"{problem.run.name}: the model about rest is unstable and grows out of all numbers within "
+            f'{time[-1] - time[0]:.3g} s; check the signs of damping and stiffness, or say initial = "rest"'
+        )
     _, x, m, expected = best
     chosen = usable[:m]
     problem.shapes = all_shapes[:, chosen]

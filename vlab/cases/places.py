@@ -87,7 +87,10 @@ def suggest(
         return Suggestion(at=f"joint:{joint}", kind=_kind(plant, joint, kind), is_input=False)
     named = _named(column, sensors)
     tap = next((tap for tap in plant.sensors if tap.name == named), None)
-    return None if tap is None else Suggestion(at=tap.name, kind=tap.kind, is_input=False)
+    if tap is not None:
+        return Suggestion(at=tap.name, kind=tap.kind, is_input=False)
+    is_actuator = is_input is None and column in [tap.name for tap in plant.actuators]
+    return Suggestion(at=column, kind="command", is_input=True) if is_actuator and kind in ("", "position") else None
 
 
 def joints_of(plant: Plant) -> list[str]:

@@ -42,6 +42,8 @@ class FrfChannelTable:
         Column of the coherence, or of the response's variance in the square of its unit, if any.
     scale : float
         Factor on the response; -1 for a reversed sign.
+    conjugate : bool
+        Whether this response alone has its phase counted the other way; turns back a ``conjugate`` of the file.
     """
 
     column: str
@@ -52,6 +54,7 @@ class FrfChannelTable:
     coherence: str = ""
     variance: str = ""
     scale: float = 1.0
+    conjugate: bool = False
 
     def __post_init__(self) -> None:
         check_scale(self.scale)

@@ -36,6 +36,7 @@ VERBS = {
     "modal-test": "Estimate frequency responses, poles and mode shapes from recordings",
     "reproduce": "Reproduce the tables of the dissertation",
     "correct": "Correct a reduced model by a simulated modal test of a deviating structure",
+    "examples": "List the cases and recordings supplied with vlab, or copy them",
     "init": "Draft a case from a MuJoCo model and recordings",
     "check": "Check a case in seconds before a diagnosis: signs, units, delays, excitation, noise",
     "columns": "List the columns of a recording with their ranges and units",
@@ -98,8 +99,21 @@ def build_parser(chosen: str | None = None) -> argparse.ArgumentParser:
     return parser
 
 
-def _parser_of(parser: argparse.ArgumentParser, verb: str) -> argparse.ArgumentParser:
-    """Return the parser of one command."""
+def parser_of(parser: argparse.ArgumentParser, verb: str) -> argparse.ArgumentParser:
+    """Return the parser of one command.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Parser of all commands.
+    verb : str
+        Command.
+
+    Returns
+    -------
+    ArgumentParser
+        Parser of the command.
+    """
     (verbs,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
     found: argparse.ArgumentParser = verbs.choices[verb]
     return found
@@ -115,7 +129,7 @@ def _check_words(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
         return
     if first not in VERBS:
         parser.error(f"unknown command {first!r}{_nearest(first, VERBS)} (accepted: {', '.join(VERBS)})")
-    own = _parser_of(parser, first)
+    own = parser_of(parser, first)
     known = [*own._option_string_actions, *parser._option_string_actions]
     for word in words:
         option = word.partition("=")[0]
@@ -176,7 +190,7 @@ def _run(words: Sequence[str]) -> int:
     with LeavingAtOnce():
         parser = build_parser(chosen)
         if not words or words[0] == "help":
-            (parser if chosen is None else _parser_of(parser, chosen)).print_help()
+            (parser if chosen is None else parser_of(parser, chosen)).print_help()
             return 0
         _check_words(parser, words)
         arguments = parser.parse_args(words)

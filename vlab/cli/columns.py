@@ -6,6 +6,7 @@ from typing import Any
 
 from vlab.cases.places import suggest
 from vlab.cli.common import Outcome, text_table
+from vlab.files.examples import located
 from vlab.files.text import in_line
 from vlab.plants.base import Plant
 from vlab.plants.mjcf import build_mjcf
@@ -41,7 +42,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     Outcome
         Document and text of the command.
     """
-    table, names = open_any(Path(arguments.file), arguments.episode)
+    table, names = open_any(Path(located(arguments.file)), arguments.episode)
     plant = build_mjcf(Path(arguments.model)) if arguments.model else None
     columns = overview(table)
     document: dict[str, Any] = {

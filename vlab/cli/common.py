@@ -97,7 +97,7 @@ class _Lines:
     def write(self, text: str) -> None:
         for line in text.replace("\r", "\n").splitlines():
             if line.strip():
-                print(line.rstrip(), file=sys.stderr)
+                print(" ".join(line.split()).replace(" ,", ","), file=sys.stderr)
 
     def flush(self) -> None:
         sys.stderr.flush()

@@ -19,10 +19,12 @@ from vlab.diagnose.advice import RESERVED, attempt_sentence, before_heading, for
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding
 from vlab.diagnose.precheck import Precheck, precheck_case
 from vlab.errors import BadCase, BadExperiment
-from vlab.files.output_folder import output_folder, write_manifest
+from vlab.files.output_folder import check_output, output_folder, write_manifest
 from vlab.files.text import in_line
 from vlab.standalone.answer import FOLDER, PATCH
 
+MOST_ROUNDS = 5
+"""MOST_ROUNDS [1]: largest number of diagnoses of ``--until-noise``."""
 DEFAULT = "out/diagnosis"
 """DEFAULT: folder of a diagnosis of logs, which is numbered."""
 OF_THE_FIT_ALONE = (
@@ -59,6 +61,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME",
         help="search this family of the catalogue only, such as friction; may be repeated (default: all families)",
+    )
+    parser.add_argument(
+        "--only",
+        action="append",
+        default=[],
+        metavar="EFFECT",
+        help="search this effect of the catalogue only, such as dead-band; may be repeated (default: all effects)",
+    )
+    parser.add_argument(
+        "--at",
+        action="append",
+        default=[],
+        metavar="PLACE",
+        help="search effects at this place only, such as joint:elbow; may be repeated (default: all places)",
+    )
+    parser.add_argument(
+        "--until-noise",
+        action="store_true",
+        help="diagnose the extended model in its turn, to OUT-2 and so on, until the residual is noise or nothing more is "
+        f"found, at most {MOST_ROUNDS} times; needs --out (default: once)",
     )
     parser.add_argument(
         "--jobs", type=int, metavar="N", help="use at most this number of processes (default: one a core)"
@@ -102,11 +124,47 @@ def run(arguments: argparse.Namespace) -> Outcome:
         raise BadExperiment(f"{stated} is for logs after a model; a case states the clock of its recordings itself")
     if arguments.patch and not arguments.out:
         raise BadExperiment("--patch prints what is written to a folder; give --out DIR as well")
+    if arguments.until_noise and not arguments.out:
+        raise BadExperiment("--until-noise diagnoses the extended model that is written; give --out DIR as well")
+    for folder in _later_folders(arguments):
+        check_output(folder, overwrite=arguments.overwrite, remedy="name another with --out, or add --overwrite")
     result = _searched(arguments, load_case(arguments.case, allow_outside=arguments.allow_outside))
     if not arguments.out:
         return Outcome(document=result.done.diagnosis.to_json(), text=_text(result.done.diagnosis))
     document, written = _written(arguments, result, Path(arguments.out))
-    return Outcome(document=document, text="\n".join([_text(result.done.diagnosis), *written]))
+    text = "\n".join([_text(result.done.diagnosis), *written])
+    return _continued(arguments, result, Outcome(document=document, text=text), Path(arguments.out))
+
+
+def _later_folders(arguments: argparse.Namespace) -> list[Path]:
+    """Return the folders of the second and later diagnoses."""
+    if not (arguments.until_noise and arguments.out):
+        return []
+    out = Path(arguments.out)
+    return [out.with_name(f"{out.name}-{k}") for k in range(2, MOST_ROUNDS + 1)]
+
+
+def _continued(arguments: argparse.Namespace, result: Answer, first: Outcome, out: Path) -> Outcome:
+    """Diagnose the extended model in its turn, as often as something is found."""
+    if not arguments.until_noise:
+        return first
+    rounds, texts, folder = [first.document], [first.text], out
+    for later in (out.with_name(f"{out.name}-{k}") for k in range(2, MOST_ROUNDS + 1)):
+        diagnosis, case = result.done.diagnosis, folder / "amended.toml"
+        if not diagnosis.is_naming or diagnosis.is_complete or not case.is_file():
+            break
+        result = _searched(arguments, load_case(case, allow_outside=arguments.allow_outside))
+        document, written = _written(arguments, result, later)
+        rounds.append(document)
+        texts += ["", f"Diagnosis of {case}", "", _text(result.done.diagnosis), *written]
+        folder = later
+    named = [f"{f['effect']} at {f['place']}" for document in rounds for f in document["findings"]]
+    last = rounds[-1]["verdict"]
+    texts += [
+        "",
+        f"{len(rounds)} diagnoses; found: {', '.join(map(in_line, named)) or 'nothing'}; the last verdict is {last}",
+    ]
+    return Outcome(document={**rounds[0], "rounds": rounds}, text="\n".join(texts))
 
 
 def _searched(arguments: argparse.Namespace, case: Case) -> Answer:
@@ -116,6 +174,8 @@ def _searched(arguments: argparse.Namespace, case: Case) -> Answer:
             case,
             effects=arguments.effect,
             families=arguments.family or None,
+            only=arguments.only or None,
+            at=arguments.at or None,
             jobs=arguments.jobs,
             time_limit=arguments.time_limit,
             progress=report,
@@ -203,10 +263,11 @@ def _of_logs(arguments: argparse.Namespace, out: Path) -> Outcome:
         _text(result.done.diagnosis),
     ]
     again = next_command("diagnose", path, draft)
-    return Outcome(
+    outcome = Outcome(
         document=document,
         text="\n".join([*parts, *written, f"the drafted case is {path}", f"after a change of the case: {again}"]),
     )
+    return _continued(arguments, result, outcome, out)
 
 
 def _text(diagnosis: Diagnosis) -> str:

@@ -3,9 +3,10 @@
 import argparse
 from typing import Any
 
-from vlab.cli.common import Outcome
+from vlab.cli.common import Outcome, text_table
 from vlab.controllers.user_law import code_of
-from vlab.physics.catalogue import ALIASES, EFFECTS, effect_named
+from vlab.errors import UnknownName, unknown_name
+from vlab.physics.catalogue import ALIASES, EFFECT_FORM, EFFECTS, effect_named, effects
 from vlab.physics.effect import Effect
 
 PLACES = {
@@ -29,18 +30,90 @@ SERVO = "an actuator that is a position servo of a joint or tendon: actuator:sho
 """Places of effects within a servo's loop."""
 
 
+REFERENCES = {
+    "displacement": "largest displacement at the place",
+    "velocity": "largest velocity at the place",
+    "input": "largest command",
+    "input-slope": "largest slope of the command",
+    "output": "largest reading",
+    "duration": "duration of the recording",
+    "step": "sample period",
+    "error": "largest position error of the servo",
+    "servo-force": "largest force of the servo",
+}
+"""Scales of a parameter's range in words."""
+SHORT = {"port": "point, joint, element", "actuator": "actuator", "sensor": "sensor"}
+"""Places of an effect in the table."""
+MOST_NAMED = 6
+"""MOST_NAMED [1]: largest number of parameters of an effect in the table."""
+TURNING = "At a joint that turns, read N m for N and rad for m."
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="show these effects, or your own as FILE.py:CLASS (default all)"
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help="show these effects in full, or a family, or your own as FILE.py:CLASS (default: table of all)",
     )
+    parser.add_argument(
+        "--family", action="append", default=[], metavar="NAME", help="list this family only; may be repeated"
+    )
+    parser.add_argument("--full", action="store_true", help="show laws, places and parameters in full (default: table)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
-    """List the catalogue of physics that a model can lack."""
-    wanted = [effect_named(name, code=[code_of(name)]) for name in arguments.names] or list(EFFECTS.values())
-    document = [_plain(effect) for effect in wanted]
-    return Outcome(document=document, text="\n\n".join(_text(entry) for entry in document))
+    """List the catalogue of physics that a model can lack.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        Parsed arguments of the command.
+
+    Returns
+    -------
+    Outcome
+        Document and text of the command.
+    """
+    known = [family for family in families() if family not in EFFECTS]
+    asked = [*arguments.family, *(name for name in arguments.names if name in known)]
+    of_families = [effect for family in dict.fromkeys(asked) for effect in effects(family)]
+    names = [name for name in arguments.names if name not in known]
+    wanted = of_families + [_named(name) for name in names]
+    document = [_plain(effect) for effect in wanted or EFFECTS.values()]
+    if names or arguments.full:
+        return Outcome(document=document, text="\n\n".join(_text(entry) for entry in document))
+    return Outcome(document=document, text=_table(document))
+
+
+def families() -> list[str]:
+    """Return the families of the catalogue in order."""
+    return list(dict.fromkeys(effect.family for effect in EFFECTS.values()))
+
+
+def _named(name: str) -> Effect:
+    """Return an effect; the error on another name lists names and families."""
+    if name in EFFECTS or name in ALIASES or code_of(name):
+        return effect_named(name, code=[code_of(name)])
+    within = [known for known in (*EFFECTS, *ALIASES) if name.lower() in known]
+    if within:
+        raise UnknownName(f"unknown effect {name!r}; names that contain it: {', '.join(within)}")
+    raise unknown_name("effect or family", name, [*EFFECTS, *ALIASES, *families(), EFFECT_FORM])
+
+
+def _parameters(entry: dict[str, Any]) -> str:
+    names = [p["name"] for p in entry["parameters"]]
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return ", ".join(names[:MOST_NAMED]) + more
+
+
+def _table(document: list[dict[str, Any]]) -> str:
+    """Return the table of effects, one line each, with a line on details."""
+    rows = [[entry["family"], entry["name"], SHORT[entry["kind"]], _parameters(entry)] for entry in document]
+    table = text_table(["family", "effect", "at", "parameters"], rows)
+    first = document[0]["name"]
+    return f"{table}\n\n{len(rows)} effects; law, places and ranges of one: vlab effects {first}"
 
 
 def places_of(effect: Effect) -> str:
@@ -56,6 +129,7 @@ def _plain(effect: Effect) -> dict[str, Any]:
         "also": [alias for alias, name in ALIASES.items() if name == effect.name],
         "form_of": effect.form_of,
         "family": effect.family,
+        "kind": effect.kind,
         "law": effect.law,
         "places": places_of(effect),
         "parameters": [
@@ -75,7 +149,10 @@ def _text(entry: dict[str, Any]) -> str:
     lines = [f"{entry['name']}  [{entry['family']}]{also}{form}", f"  {entry['words']}", f"  {entry['law']}"]
     lines.append(f"  at: {entry['places']}")
     for p in entry["parameters"]:
-        of = f" x the largest {p['in_multiples_of']}" if p["in_multiples_of"] else f" {p['unit']}"
+        unit = "" if p["unit"] == "1" else f" {p['unit']}"
+        of = f" x {REFERENCES[p['in_multiples_of']]}" if p["in_multiples_of"] else unit
         words = f"; {p['words']}" if p["words"] else ""
         lines.append(f"  {p['name']} [{p['unit']}]: {p['low']:g} to {p['high']:g}{of}{words}")
+    if entry["kind"] == "port" and any("N" in p["unit"] or "m" in p["unit"] for p in entry["parameters"]):
+        lines.append(f"  {TURNING}")
     return "\n".join(lines)

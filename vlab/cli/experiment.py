@@ -18,6 +18,9 @@ from vlab.hardware.interlock import ORDER
 from vlab.lab.excitation import EXCITATIONS
 from vlab.lab.plan import DonePlan, Plan, load_plan, perform_plan
 from vlab.lab.run_folder import DoneRun, RunSettings
+from vlab.lab.suited import Suited, suited
+from vlab.physics.attach import Attached
+from vlab.physics.spec import parse_effect
 from vlab.views.rerun.viewer import PORT, listening, viewer_at
 
 RUN_OUT, PLAN_OUT = "out/run", "out/plan"
@@ -96,7 +99,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="multisine: excite odd lines only, with detection lines between them (default: all lines)",
     )
     parser.add_argument(
-        "--seconds", type=float, default=default.seconds, help="simulate this duration in s (default 60)"
+        "--seconds",
+        type=float,
+        help="simulate this duration in s (default: from the slowest mode of the plant; 60 with a law)",
     )
     parser.add_argument("--rate", type=float, help="sample loop and recording at this rate in Hz (default 2000)")
     parser.add_argument(
@@ -192,7 +197,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         high_hz=arguments.band[1] if arguments.band else None,
         period_s=arguments.period,
         odd=arguments.odd,
-        seconds=arguments.seconds,
+        seconds=RunSettings.seconds if arguments.seconds is None else arguments.seconds,
         rate_hz=arguments.rate,
         seed=arguments.seed,
         noise=arguments.noise,
@@ -201,6 +206,10 @@ def run(arguments: argparse.Namespace) -> Outcome:
         effect=tuple(arguments.effect),
         power_up=arguments.power_up,
     )
+    fitting = Suited(settings=settings)
+    if arguments.seconds is None:
+        fitting = suited(settings)
+        settings = fitting.settings
     prepared = settings.prepare()
     live = None
     if arguments.live is not None:
@@ -239,13 +248,23 @@ def run(arguments: argparse.Namespace) -> Outcome:
     document["periods"] = periods_of(prepared.experiment.excitation, settings.seconds)
     document |= loop_facts(done)
     text = "".join(f"powering up, after {fault.time:.0f} s: {fault.words}\n" for fault in prepared.faults)
+    applied = [parse_effect(effect, code=settings.named_code) for effect in settings.effect]
+    text += "".join(f"effect in the plant: {_applied(one)}\n" for one in applied)
     text += loop_text(document)
     text += period_text(prepared.experiment.excitation, settings.seconds)
+    text += f"{fitting.words}\n" if fitting.words else ""
     text += (
         f"{settings.seconds:g} s simulated at {done.real_time_factor:.0f} x real time; {len(names)} channels: {', '.join(names)}\n"
         f"written to {out}: {', '.join(files)}   (vlab show {out})"
     )
     return Outcome(document=document, text=text)
+
+
+def _applied(attached: Attached) -> str:
+    """Return an effect with its place and its values in SI."""
+    units = {p.name: "" if p.unit == "1" else f" {p.unit}" for p in attached.effect.parameters}
+    values = ", ".join(f"{name} = {value:.4g}{units[name]}" for name, value in attached.values.items())
+    return f"{attached.effect.name} at {attached.place}: {values}"
 
 
 def _write_views(folder: Path, done: DoneRun, *, report: bool) -> None:

@@ -11,6 +11,7 @@ from vlab.cli.case_argument import OUTSIDE
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import OVERWRITE
 from vlab.errors import OutputRefused
+from vlab.files.output_folder import made_parents
 from vlab.files.text import in_line
 from vlab.recordings.files import written_whole
 
@@ -62,11 +63,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if path.exists() and not arguments.overwrite:
         raise OutputRefused(f"{path} is there already; name another folder with --out, or add {OVERWRITE}")
     draft = draft_case(arguments.model, logs, folder, time=arguments.time, rate_hz=arguments.rate_hz)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputRefused(f"the folder {folder} cannot be made: {error.strerror}; name another with --out") from error
-    with written_whole(path, is_new=not arguments.overwrite) as stream:
+    with made_parents(path), written_whole(path, is_new=not arguments.overwrite) as stream:
         stream.write(draft.text.encode())
     command = next_command("check", path, draft)
     text = f"{draft_words(draft)}\n\nwritten to {path}\nnext: {command}"

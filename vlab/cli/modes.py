@@ -15,6 +15,9 @@ from vlab.reproduce.cross_check import SILENT
 from vlab.signals import Array, ModalModel
 from vlab.structure import load_structure
 
+LEAST_MAC = 0.8
+"""LEAST_MAC [1]: MAC below which a plant's mode is no counterpart of the FE model's."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
@@ -43,7 +46,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PLACE",
         help="with --force: draw responses at these places (default: all coils)",
     )
-    add_out(parser, "mode shapes, their differences, MAC and responses as figures to this folder (default: print only)")
+    add_out(
+        parser,
+        "report.html, mode shapes, their differences, MAC and responses as figures to this folder (default: print only)",
+    )
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
@@ -78,8 +84,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
         + [row["zeta"]]
         for row in document["modes"]
     ]
-    headers = ["mode", "measured Hz", "published Hz", "FE Hz"]
-    headers += [text for name in plants for text in (f"{name} Hz", "MAC")] + ["zeta"]
+    headers = ["mode", "measured Hz", "published Hz", "FE model Hz"]
+    headers += [text for name in plants for text in (f"MuJoCo {name} Hz", "MAC")] + ["zeta"]
     lines = [
         f"{in_line(structure.title)}, variant {arguments.variant}, {arguments.model} FE model",
         "",
@@ -95,33 +101,47 @@ def run(arguments: argparse.Namespace) -> Outcome:
     for name, values in alike.items():
         lowest = [f"{check.points[k]} {values[k]:.4f}" for k in values.argsort(kind="stable")[:3]]
         lines.append(f"{name}: lowest COMAC with the FE model over {len(rows)} modes: {', '.join(lowest)}")
+    far = [(row["mode"], name) for row in document["modes"] for name in plants if (row["mac"][name] or 0.0) < LEAST_MAC]
+    if far:
+        named = ", ".join(f"mode {mode} of {name}" for mode, name in far)
+        guyan = "; Guyan reduction is the error here, --model full has none" if arguments.model == "guyan" else ""
+        lines.append(f"no counterpart (MAC below {LEAST_MAC:g}): {named}{guyan}")
     lines.append("COMAC and figures compare shape with shape; MAC in the table, a shape with its group of close modes")
     if arguments.out:
         from vlab.views.figures import mac_figure, mode_difference_figure, mode_shapes_figure, to_svg
+        from vlab.views.reports.page import Section, write_report
 
         responses = {}
         if arguments.force:
             from vlab.views.figures.structure_response import response_figures
 
             responses = response_figures(check.fe, arguments.force, arguments.response or ())
+        drawn = {file: (to_svg(figure), file) for file, figure in responses.items()}
+        for name, modes in plant_modes.items():
+            shapes, matrix = f"shapes-{name}", f"mac-{name}"
+            drawn[shapes] = (to_svg(mode_shapes_figure(structure, fe_modes, modes)), f"Mode shapes, {name} plant.")
+            figure = mac_figure(cross_mac[name], rows="FE", columns=f"{name} plant")
+            drawn[matrix] = (to_svg(figure), f"MAC of the FE model and the {name} plant.")
+            for mode in range(1, fe_modes.freq.size + 1):
+                labels = (f"{name} plant", "analytical (FE)")
+                figure = mode_difference_figure(structure, modes, fe_modes, mode, labels=labels)
+                drawn[f"difference-{name}-mode{mode:02d}"] = (
+                    to_svg(figure),
+                    f"Mode {mode}, {name} plant beside FE model.",
+                )
         with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
-            for file, figure in responses.items():
-                (folder / f"{file}.svg").write_text(to_svg(figure), encoding="utf-8")
-            for name, modes in plant_modes.items():
-                drawings = {
-                    f"shapes-{name}": mode_shapes_figure(structure, fe_modes, modes),
-                    f"mac-{name}": mac_figure(cross_mac[name], rows="FE", columns=f"{name} plant"),
-                }
-                for mode in range(1, fe_modes.freq.size + 1):
-                    drawings[f"difference-{name}-mode{mode}"] = mode_difference_figure(
-                        structure, modes, fe_modes, mode, labels=(f"{name} plant", "analytical (FE)")
-                    )
-                for file, figure in drawings.items():
-                    (folder / f"{file}.svg").write_text(to_svg(figure), encoding="utf-8")
+            for file, (svg, _) in drawn.items():
+                (folder / f"{file}.svg").write_text(svg, encoding="utf-8")
+            sections = [
+                Section(title="Frequencies", tables=[(headers, rows)], text=tuple(line for line in lines[4:] if line)),
+                Section(title="Figures", figures=list(drawn.values())),
+            ]
+            write_report(folder / "report.html", title=f"Modes: {in_line(structure.title)}", sections=sections)
             write_manifest(
                 folder, verb="modes", structure=structure.name, variant=arguments.variant, model=arguments.model
             )
         document["out"] = str(arguments.out)
+        lines += ["", f"written to {arguments.out}: report.html and {len(drawn)} figures"]
     return Outcome(document=document, text="\n".join(lines))
 
 

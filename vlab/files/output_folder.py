@@ -22,6 +22,7 @@ from typing import Any
 from vlab import __version__
 from vlab.errors import OutputRefused
 from vlab.files.leftovers import OLD, PART, WAS, make_held, release, sweep
+from vlab.files.plain_text import read_plain_text
 
 MANIFEST = "manifest.json"
 """File name of a folder's manifest."""
@@ -53,7 +54,7 @@ def output_folder(path: Path | str, *, overwrite: bool = False) -> Iterator[Path
     """
     target = Path(path)
     check_output(target, overwrite=overwrite)
-    with _parents(target):
+    with made_parents(target):
         try:
             sweep(target.parent)
             fresh, held = make_held(lambda: _beside(target, PART))
@@ -95,7 +96,7 @@ def numbered_folder(stem: Path | str) -> Iterator[Path]:
         The place cannot be written.
     """
     stem = Path(stem)
-    with _parents(stem):
+    with made_parents(stem):
         try:
             sweep(stem.parent)
             claimed, claim, held = _claimed(stem)
@@ -223,10 +224,25 @@ def _new_file(path: Path) -> Path:
 
 
 @contextlib.contextmanager
-def _parents(target: Path) -> Iterator[None]:
+def made_parents(target: Path) -> Iterator[None]:
     """Create the parent folders of a place.
 
     Parents that stay empty are removed again.
+
+    Parameters
+    ----------
+    target : Path
+        Final place of a file or folder.
+
+    Returns
+    -------
+    context manager
+        Context in which the parents exist.
+
+    Raises
+    ------
+    OutputRefused
+        A parent cannot be created.
     """
     made = [folder for folder in target.parents if not folder.exists()]  # deepest first
     try:
@@ -275,7 +291,7 @@ def keep_apart(out: Path | str, read: Iterable[Path | str]) -> None:
 
 def _is_ours(folder: Path) -> bool:
     try:
-        return json.loads((folder / MANIFEST).read_text(encoding="utf-8")).get("written_by") == "vlab"
+        return json.loads(read_plain_text(folder / MANIFEST)).get("written_by") == "vlab"
     except (OSError, ValueError, AttributeError):
         return False
 

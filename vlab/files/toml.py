@@ -18,6 +18,7 @@ from typing import Any, TypeVar, cast
 
 from vlab import units
 from vlab.errors import BadStructure, VlabError, unknown_name
+from vlab.files.plain_text import read_plain_text
 
 T = TypeVar("T")
 """Type of a dataclass."""
@@ -80,7 +81,7 @@ class Reader:
     def load(self) -> dict[str, Any]:
         """Read and parse the file."""
         try:
-            text = Path(self.file).read_text(encoding="utf-8")
+            text = read_plain_text(self.file)
         except FileNotFoundError as error:
             raise self.error(f"{self.file}: there is no such file; check the path") from error
         except (OSError, UnicodeDecodeError) as error:
@@ -168,9 +169,13 @@ class Reader:
     def _finite(self, raw: Any, path: str) -> float:
         if isinstance(raw, bool) or not isinstance(raw, (int, float)):
             raise self.fail(path, f"a number was expected, {raw!r} was given")
-        if not math.isfinite(raw):
+        try:
+            value = float(raw)
+        except OverflowError:
+            raise self.fail(path, "the whole number is above 1e308; it must be a finite number") from None
+        if not math.isfinite(value):
             raise self.fail(path, f"the number is {raw}; it must be finite")
-        return float(raw)
+        return value
 
     def _number(self, raw: Any, metadata: Mapping[str, Any], path: str) -> Any:
         si = metadata["si"]

@@ -240,8 +240,8 @@ class Sweep(Banded):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Signal description for the recording."""
-        return {"signal": "periodic", "period_s": self.period_s}
+        """Signal description for the recording, with the band, beyond which little force leaks."""
+        return {"signal": "periodic", "period_s": self.period_s, "band_hz": [self.low_hz, self.high_hz]}
 
     def sample(self, time: Array) -> Array:
         """Return the signal at times [s]."""

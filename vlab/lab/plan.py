@@ -21,7 +21,9 @@ from typing import Any, Literal
 
 from vlab import __version__
 from vlab.errors import BadExperiment, BadRecording, OutputRefused, VlabError, unknown_name
+from vlab.files.examples import located
 from vlab.files.output_folder import MANIFEST, folder_beside, output_folder
+from vlab.files.plain_text import read_plain_text
 from vlab.files.toml import Reader
 from vlab.lab.run_folder import DoneRun, PreparedRun, RunSettings, StoredSettings, load_run, perform
 from vlab.recordings.bound import RECORDING, check_run, stated_hash
@@ -159,7 +161,7 @@ def load_plan(path: Path | str) -> Plan:
     BadExperiment
         The file is malformed or has no records, a key is unknown or missing, or a value has the wrong kind.
     """
-    reader = Reader(path, provenance_required=False, error=BadExperiment)
+    reader = Reader(located(path), provenance_required=False, error=BadExperiment)
     raw = reader.load()
     accepted = ("title", "concealed", "settings", "model", "record")
     for key in raw:
@@ -397,7 +399,7 @@ def _is_whole(folder: Path) -> bool:
 
 def _read_json(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_plain_text(path))
     except (OSError, ValueError) as error:
         raise OutputRefused(f"{path} cannot be read, so nothing is known of its folder: {error}") from error
     if not isinstance(content, dict) or not isinstance(content.get("records", {}), dict):

@@ -11,11 +11,12 @@ from vlab.modal.appropriation import AppropriatedForces, appropriate
 from vlab.modal.combine import combine_responses, join_outputs
 from vlab.modal.distortion import Distortion, separate_distortion
 from vlab.modal.dwell import DwellResult, evaluate_dwell
+from vlab.modal.free_response import estimate_free_response, free_signal
 from vlab.modal.frf import Estimator, MeasuredFrequencyResponse, estimate_frf, peak_levels
 from vlab.modal.given_responses import choose, displacement_unit, in_si, motion_of
 from vlab.modal.impact import END_LEVEL, estimate_impact_frf, without_added_decay
 from vlab.modal.poles import PoleEstimate, estimate_poles
-from vlab.modal.recognise import Signal, signal_of
+from vlab.modal.recognise import FREE_KINDS, Signal, signal_of
 from vlab.modal.steps import estimate_stepped_frf
 from vlab.signals import ORDER, Array, FrequencyResponse, Recording, check_sizes
 
@@ -246,9 +247,15 @@ def run_modal_test(recordings: Sequence[Recording], test: ModalTest) -> ModalTes
             f"the recordings have rates from {rates[0]:g} to {rates[-1]:g} Hz; test those of one rate together"
         )
     responses = tuple(_estimate(r, test, s) for r, s in zip(recordings, signals, strict=True))
+    is_free = {signal.kind in FREE_KINDS for signal in signals}
+    if len(is_free) > 1:
+        raise BadRecording("records with and without an input have no common response; test them one by one")
     combined = combine_responses(responses)
-    mean = as_displacement(combined, [recordings[0].channels[recordings[0].index(n)].kind for n in combined.outputs])
-    poles = estimate_poles(mean, sample_rate=recordings[0].rate, band_hz=test.band_hz, n_modes=test.n_modes)
+    kinds = [recordings[0].channels[recordings[0].index(n)].kind for n in combined.outputs]
+    mean = combined if True in is_free else as_displacement(combined, kinds)
+    noted = {tuple(r.meta.get("band_hz", ())) for r in recordings}  # of a sweep, whose force leaks beyond
+    band: Any = test.band_hz or (noted.pop() if len(noted) == 1 else ()) or None
+    poles = estimate_poles(mean, sample_rate=recordings[0].rate, band_hz=band, n_modes=test.n_modes)
     poles = without_added_decay(poles, mean.added_decay)
     return ModalTestResult(
         responses=responses,
@@ -359,17 +366,15 @@ def read_signals(recordings: Sequence[Recording], test: ModalTest) -> tuple[Sign
     """
     if not recordings:
         raise BadRecording("no recording was given")
-    return tuple(
-        signal_of(
-            recording,
-            _channels(recording, test)[0][0],
-            kind=test.signal,
-            period_s=test.period_s,
-            segment_s=test.segment_s,
-            dwell_s=test.dwell_s,
-        )
-        for recording in recordings
-    )
+    return tuple(_signal(recording, test) for recording in recordings)
+
+
+def _signal(recording: Recording, test: ModalTest) -> Signal:
+    inputs, outputs = _channels(recording, test)
+    if not inputs or test.signal in FREE_KINDS:
+        return free_signal(recording, outputs, kind=test.signal)
+    times = {"period_s": test.period_s, "segment_s": test.segment_s, "dwell_s": test.dwell_s}
+    return signal_of(recording, inputs[0], kind=test.signal, **times)
 
 
 def as_displacement(frf: MeasuredFrequencyResponse, kinds: Sequence[str]) -> MeasuredFrequencyResponse:
@@ -408,10 +413,6 @@ def estimate_responses(recordings: Sequence[Recording], test: ModalTest) -> tupl
 def _channels(recording: Recording, test: ModalTest) -> tuple[tuple[str, ...], tuple[str, ...]]:
     check_sizes(recording, "the recording")
     inputs = test.inputs or recording.inputs
-    if not inputs:
-        raise BadRecording(
-            f"the recording marks no input; name one with --input (channels: {', '.join(recording.names)})"
-        )
     sensed = [c.name for c in recording.channels if c.kind in ORDER]
     outputs = test.outputs or tuple(name for name in sensed if name not in inputs)
     if not outputs:
@@ -424,6 +425,10 @@ def _channels(recording: Recording, test: ModalTest) -> tuple[tuple[str, ...], t
 def _estimate(recording: Recording, test: ModalTest, signal: Signal) -> MeasuredFrequencyResponse:
     inputs, outputs = _channels(recording, test)
     common: dict[str, Any] = {"inputs": inputs, "outputs": outputs, "estimator": test.estimator}
+    if signal.kind in FREE_KINDS:
+        return estimate_free_response(
+            recording, signal, outputs=outputs, end_level=test.end_level, segment_s=test.segment_s
+        )
     if signal.kind == "stepped":
         return estimate_stepped_frf(recording, signal.steps, **common)
     if signal.kind == "impact":

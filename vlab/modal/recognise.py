@@ -12,7 +12,9 @@ from vlab.errors import BadRecording
 from vlab.modal.steps import Step, find_steps
 from vlab.signals import Array, Recording
 
-SignalKind = Literal["random", "periodic", "burst", "stepped", "impact", "dwell"]
+SignalKind = Literal["random", "periodic", "burst", "stepped", "impact", "dwell", "free", "ambient"]
+FREE_KINDS = ("free", "ambient")
+"""Names of the excitations without a recorded input: a release, and unknown broadband forces."""
 KINDS: tuple[str, ...] = get_args(SignalKind)
 """Names of the excitations."""
 

@@ -111,7 +111,7 @@ def freed(case: Case, *, friction: bool = True) -> dict[str, Any]:
         Result for the answer.
     """
     if not HAS_SYSID:
-        return {"note": "not run: mujoco.sysid needs its extras; pip install 'vlab[sysid]'"}
+        return {"note": "not run: mujoco.sysid needs its extras; pip install 'vlab-vibration[sysid]'"}
     plant, runs = case.plant, case.runs(("fit",))
     if not isinstance(plant, MjcfPlant) or any(run.law is not None for run in runs):
         return {"note": "not run: for MJCF models without a law in the loop"}

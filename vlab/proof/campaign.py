@@ -114,7 +114,9 @@ def _on_dask(work: Callable[[Any], T], items: Sequence[Any], jobs: int, schedule
         from dask.distributed import Client, LocalCluster
         from dask.distributed import as_completed as done_of
     except ImportError as error:
-        raise BadExperiment("dask is not installed; install it with pip install 'vlab[dask]', or use joblib") from error
+        raise BadExperiment(
+            "dask is not installed; install it with pip install 'vlab-vibration[dask]', or use joblib"
+        ) from error
     try:
         here = (
             None if scheduler else LocalCluster(n_workers=jobs or cores(), threads_per_worker=1, dashboard_address=None)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from vlab.errors import BadProof
+from vlab.files.plain_text import read_plain_text
 from vlab.proof import document_schema as shapes
 from vlab.proof.document_schema import has_shape
 from vlab.recordings.files import written_whole
@@ -128,7 +129,7 @@ def read_json(path: Path) -> Any:
         The file is missing or malformed, or a number is not finite.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_plain_text(path)
         return json.loads(text, parse_float=_finite, parse_constant=_finite, parse_int=_whole)
     except FileNotFoundError:
         raise BadProof(f"{path}: there is no such file; check the folder, or conceal the cases first") from None

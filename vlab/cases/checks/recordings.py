@@ -17,6 +17,7 @@ from vlab.cases.checks.bands import bands
 from vlab.cases.checks.beside import EXPLAINED, FEWEST, UNEXPLAINED, Beside, beside, first_seconds
 from vlab.cases.checks.clock import check_clock
 from vlab.cases.checks.coherence import unrelated
+from vlab.cases.checks.copies import check_copies
 from vlab.cases.checks.correction import (
     Correction,
     FileCheck,
@@ -71,15 +72,13 @@ def check_recordings(
     runs = case.runs() if runs is None else list(runs)
     if simulated is None:
         check_clock(case, runs)
-    of_range, of_period = check_ranges(case, runs), check_periods(runs)
+    of_range, of_all = check_ranges(case, runs), [*check_copies(runs), *check_periods(runs)]
     runs = [first_seconds(case.plant, run) for run in runs]
     look = _Look(case, beside(case.plant, runs, simulated))
     found = look.slips() or look.swaps() or look.choose_convention() or look.unrelated() or look.without_sign()
     said = {name for f in found for name in f.channels}
     of_range = [f for f in of_range if not said & set(f.channels)]
-    return FileCheck(
-        found=(*found, *of_range, *of_period, *look.shifts(said | {n for f in of_range for n in f.channels}))
-    )
+    return FileCheck(found=(*found, *of_range, *of_all, *look.shifts(said | {n for f in of_range for n in f.channels})))
 
 
 class _Look:

@@ -1,5 +1,6 @@
 """Draft of a case from a model and its logs."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -119,7 +120,8 @@ def draft_case(
     BadStructure
         The model cannot be built.
     """
-    paths = sorted(dict.fromkeys(logs), key=lambda path: natural_key(str(path)))
+    unique = {os.path.realpath(path): path for path in logs}  # a log that is named twice would verify itself
+    paths = sorted(unique.values(), key=lambda path: natural_key(str(path)))
     opened = open_model(model, folder)
     read = [open_log(path) for path in paths]
     clock = choose_clock(read[0], time=time, rate_hz=rate_hz)

@@ -65,7 +65,7 @@ def even_floor(column: Array, inputs: Array | None) -> Floor:
         Noise, at least `NOISE.least_noise` of the channel's rms.
     """
     least = NOISE.least_noise * (float(np.std(column)) or 1.0)
-    if len(column) < 64:
+    if len(column) < 64 or np.ptp(column) == 0.0:
         return Floor(sigma=least, rms=least, source="least")
     freq, power = _spectrum(column, "mean")
     high = freq > NOISE.noise_band / 2

@@ -254,7 +254,9 @@ def _response(case: Case, table: FrfTable, name: str) -> Response:
     read = to_frequency_response(file, table)
     used = (read.freq > 0) & (read.freq >= table.low_hz) & (read.freq <= (table.high_hz or np.inf))
     scales = np.abs(_scales(table)) if read.is_magnitude else _scales(table)
-    freq, H = read.freq[used], (np.conj(read.H) if table.conjugate else read.H)[used, :, 0] * scales
+    freq, H = read.freq[used], read.H[used, :, 0] * scales
+    turned = np.array([table.conjugate != own for own in _conjugated(table)])
+    H = np.where(turned, np.conj(H), H)
     if len(freq) < 8:
         raise BadCase(f"{case.path}: {table.file} has {len(freq)} lines above 0 Hz in its band; at least 8 are needed")
     if not np.all(np.any(H != 0, axis=0)):
@@ -288,6 +290,12 @@ def _scales(table: FrfTable) -> Array:
     """Return the scale factors (n_outputs,) of the responses."""
     each = {channel.at: channel.scale for channel in table.channel}
     return table.scale * np.array([each.get(output, 1.0) for output in table.outputs])
+
+
+def _conjugated(table: FrfTable) -> list[bool]:
+    """Return whether the case conjugates each output on its own."""
+    each = {channel.at: channel.conjugate for channel in table.channel}
+    return [each.get(output, False) for output in table.outputs]
 
 
 def _given_noise(file: Table, table: FrfTable, H: ComplexArray, used: Array, lines: int) -> list[Array | None]:

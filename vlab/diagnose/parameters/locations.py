@@ -1,6 +1,7 @@
 """Locations of possible missing physics, in modal coordinates."""
 
-from collections.abc import Sequence
+import copy
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,6 +15,9 @@ from vlab.physics.servo import Servo, ServoEffect, at_servo, servo_of, servo_por
 from vlab.plants.base import Plant
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
+
+SOUGHT_AT = "sought_at"
+"""Attribute of an effect with the names of the locations at which alone the effect is sought."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,6 +81,45 @@ class Place:
         return (self.index, *self.also)
 
 
+def limited(effect: Effect, at: Collection[str]) -> Effect:
+    """Return a copy of an effect that is sought at some locations only.
+
+    Parameters
+    ----------
+    effect : Effect
+        Effect.
+    at : collection of str
+        Names of locations, with or without their kind, as in ``joint:elbow`` or ``elbow``.
+
+    Returns
+    -------
+    Effect
+        Copy of the effect.
+    """
+    out = copy.copy(effect)
+    setattr(out, SOUGHT_AT, frozenset(at))
+    return out
+
+
+def is_named(place: str, at: Collection[str]) -> bool:
+    """Return whether a name of a location is among given names.
+
+    Parameters
+    ----------
+    place : str
+        Name of a location, such as ``joint:elbow``; of a pick-up ``sensor:a/b``.
+    at : collection of str
+        Given names, with or without their kind.
+
+    Returns
+    -------
+    bool
+        Whether the location is given.
+    """
+    whole = place.partition("/")[0]
+    return not {place, whole, whole.rpartition(":")[2]}.isdisjoint(at)
+
+
 def admissible(effect: Effect, place: Place) -> bool:
     """Return whether an effect can act at a location.
 
@@ -92,6 +135,9 @@ def admissible(effect: Effect, place: Place) -> bool:
     bool
         Whether kind, family and needs of the effect match the location.
     """
+    at = getattr(effect, SOUGHT_AT, None)
+    if at is not None and not any(is_named(name, at) for name in (place.name, *place.aliases)):
+        return False
     if isinstance(effect, PickUp):
         return place.kind == "pick-up" and place.tag in effect.needs
     if isinstance(effect, ServoEffect):

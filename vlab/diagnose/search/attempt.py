@@ -123,7 +123,7 @@ def without_useless(
 
 
 def _useful_terms(attempt: Attempt, first: int) -> tuple[Term, ...]:
-    """Return the terms whose removal increases the error, and the idle ones; all terms where none is useful."""
+    """Return the useful and the idle terms; all terms where none is useful."""
     kept = []
     for i, term in enumerate(attempt.fit.terms, start=first):
         parts = [(run, run.parts[i]) for run in attempt.checked if len(run.parts) > i and not run.parts[i].is_idle]

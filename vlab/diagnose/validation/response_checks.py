@@ -59,9 +59,12 @@ def check_responses(problem: FrequencyProblem) -> FileCheck:
         return answer_at_level(view, state, data, problem.wires).H
 
     all_of_it = [_Measured(table=tables[d.name], data=d, own=modelled(d)) for d in read]
-    early = [one for one in all_of_it if _is_early(one)]
-    found = [_conjugated(case, early)] if early else []
-    causal = [_conjugate(one) if one in early else one for one in all_of_it]
+    early = [(one, _early(one)) for one in all_of_it]
+    whole = [one for one, columns in early if len(columns) == len(one.data.outputs)]
+    found = [_conjugated(case, whole)] if whole else []
+    single = {one.data.outputs[k]: None for one, columns in early if one not in whole for k in columns}
+    found += [_conjugated_output(case, output) for output in single]
+    causal = [_conjugate(one, columns) for one, columns in early]
     found += _forms(case, causal, modelled) or _signs_and_units(case, causal) or _exchanged(case, causal)
     named = {name for f in found for name in f.channels}
     found += [_gives(one.data) for one in causal if one.data.gives_power and one.data.input not in named]
@@ -71,13 +74,24 @@ def check_responses(problem: FrequencyProblem) -> FileCheck:
 # ---- phases that count the other way -------------------------------------------------------------------------------
 
 
-def _is_early(one: _Measured) -> bool:
-    """Return whether a response precedes its cause, over all outputs."""
+def _early(one: _Measured) -> tuple[int, ...]:
+    """Return the columns of outputs whose response precedes its cause.
+
+    Outputs without a phase turn of their own go with the others, if all the others are early.
+    """
+    count = one.own.shape[1]
     if one.data.is_magnitude:
-        return False
+        return ()
     usable = heard(one.data)
-    turn, own = (sum(_turn(H[:, k], usable[:, k]) for k in range(H.shape[1])) for H in (one.data.H, one.own))
-    return own < -RESPONSE_CHECKS.turns * one.own.shape[1] and turn > -RESPONSE_CHECKS.share * own
+    turn, own = (np.array([_turn(H[:, k], usable[:, k]) for k in range(count)]) for H in (one.data.H, one.own))
+    tells = own < -RESPONSE_CHECKS.turns
+    is_early = tells & (turn > -RESPONSE_CHECKS.share * own)
+    is_whole = (
+        bool(np.all(is_early == tells))
+        and own.sum() < -RESPONSE_CHECKS.turns * count
+        and turn.sum() > -RESPONSE_CHECKS.share * own.sum()
+    )
+    return tuple(range(count)) if is_whole else tuple(int(k) for k in np.flatnonzero(is_early))
 
 
 def _turn(H: ComplexArray, usable: ComplexArray) -> float:
@@ -92,8 +106,11 @@ def _turn(H: ComplexArray, usable: ComplexArray) -> float:
     return float(np.sum(steps.imag)) / size if size > 0.0 else 0.0
 
 
-def _conjugate(one: _Measured) -> _Measured:
-    return replace(one, data=replace(one.data, H=np.conj(one.data.H)))
+def _conjugate(one: _Measured, columns: Sequence[int]) -> _Measured:
+    """Return a response with the conjugate of some outputs."""
+    H = one.data.H.copy()
+    H[:, list(columns)] = np.conj(H[:, list(columns)])
+    return replace(one, data=replace(one.data, H=H)) if columns else one
 
 
 def _conjugated(case: Case, early: Sequence[_Measured]) -> Found:
@@ -106,6 +123,14 @@ def _conjugated(case: Case, early: Sequence[_Measured]) -> Found:
     )
     outputs = tuple(o for e in early for o in e.data.outputs)
     return _mended(case, "fatal", text, f"conjugate = true in [[frf]] with file = {files}", outputs)
+
+
+def _conjugated_output(case: Case, output: str) -> Found:
+    text = (
+        f"the responses of {output}, unlike those of the other outputs, come before their cause: the phase rises through "
+        "resonances, conjugated"
+    )
+    return _mended(case, "fatal", text, f'conjugate = true in every [[frf.channel]] with at = "{output}"', (output,))
 
 
 def _gives(data: Response) -> Found:

@@ -1,7 +1,7 @@
 """TDMS recordings (LabVIEW) as columns.
 
 Channels are named ``group/channel``; waveforms have a column ``group/time`` [s]. npTDMS is LGPL and therefore an
-optional extra, ``vlab[tdms]``. npTDMS trusts the counts in a file's headers and runs in an isolated process, see
+optional extra, ``vlab-vibration[tdms]``. npTDMS trusts the counts in a file's headers and runs in an isolated process, see
 `vlab.recordings.isolated`.
 """
 
@@ -24,5 +24,5 @@ def read(
     """Read a TDMS file, see `vlab.recordings.open_table`."""
     if names is not None:
         raise refuse(path, "a TDMS file names its own channels", fix="leave out names")
-    install = "'vlab[tdms]' (npTDMS)"
+    install = "'vlab-vibration[tdms]' (npTDMS)"
     return read_variables("read_tdms", data, path, columns, blanks=blanks, library="nptdms", install=install)

@@ -15,7 +15,7 @@ from vlab.recordings.table import Table
 
 BYTES_PER_SECOND = 1e6
 """BYTES_PER_SECOND [bytes/s]: slowest accepted reading of a log."""
-INSTALL = "'vlab[ros]' (mcap, mcap-ros2-support)"
+INSTALL = "'vlab-vibration[ros]' (mcap, mcap-ros2-support)"
 """INSTALL: packages that decode robot logs."""
 
 

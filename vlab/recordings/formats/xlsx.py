@@ -55,7 +55,7 @@ def read(
         data,
         path,
         library="openpyxl",
-        install="'vlab[xlsx]' (openpyxl)",
+        install="'vlab-vibration[xlsx]' (openpyxl)",
         bytes_per_second=BYTES_PER_SECOND,
     )
     if not answer["text"]:

@@ -14,12 +14,13 @@ from vlab.views.figures.style import (
     COLOURS,
     GREY,
     INK,
+    ROLES,
     as_text,
-    axis_label,
     channel_label,
     draw_legend,
     draw_line,
     pretty_unit,
+    readable,
     styled,
 )
 
@@ -30,12 +31,7 @@ LEAST_SAMPLES = 150
 SEGMENTS = 8
 MOST_LABELLED = 100.0
 """MOST_LABELLED [-]: largest frequency ratio of a half-width panel with labels within decades."""
-LOOKS: dict[str, dict[str, Any]] = {
-    "measured": {"color": INK, "linestyle": "-"},
-    "nominal": {"color": "#9a9a9a", "linestyle": (0, (1.2, 1.2))},
-    "calibrated": {"color": COLOURS[1], "linestyle": (0, (5, 1.6))},
-    "extended": {"color": COLOURS[0], "linestyle": "-"},
-}
+LOOKS = {name: ROLES[name] for name in ("measured", "nominal", "calibrated", "extended")}
 """LOOKS: line styles of the measurement and of every model."""
 
 
@@ -77,8 +73,10 @@ def overlay_figure(
         Figure with four panels.
     """
     label = measured.channels[measured.index(channel)]
+    factor, unit = readable(label, float(np.abs(measured[channel]).max()))
+    noise = factor * noise
     curves = [
-        (name, LOOKS[name], r[channel])
+        (name, LOOKS[name], factor * r[channel])
         for name, r in (("measured", measured), (before, calibrated), ("extended", extended))
         if r is not None
     ]
@@ -91,22 +89,22 @@ def overlay_figure(
         handles[name] = draw_line(whole, time, values, 0, **{**look, "linestyle": "-"}, lw=0.7)
         draw_line(zoom, time[near], values[near], 0, **look, lw=1.2)
         if name != "measured":
-            draw_line(rest, time, measured[channel] - values, 0, **{**look, "linestyle": "-"}, lw=0.7)
+            draw_line(rest, time, factor * measured[channel] - values, 0, **{**look, "linestyle": "-"}, lw=0.7)
     handles["noise"] = rest.axhspan(-noise, noise, color="#cccccc", zorder=0)
     whole.axvspan(time[near][0], time[near][-1], color="#f0e3c4", zorder=0)
     for axes, what in (
-        (whole, "all of it"),
+        (whole, channel_label(label)),
         (zoom, f"where the {before} model is furthest off, around {worst_s:.4g} s"),
     ):
         axes.set_title(as_text(what), loc="left")
     rest.set_title("residual: measured minus simulated; grey: noise, one standard deviation", loc="left")
     for axes in (whole, zoom, rest):
         axes.margins(x=0)
-        axes.set(ylabel=axis_label(label), xlabel="time [s]")
+        axes.set(ylabel=f"[{pretty_unit(unit)}]", xlabel="time [s]")
         axes.ticklabel_format(axis="y", scilimits=(-3, 4))
-    _spectra(spectra, measured, curves, channel, noise)
+    _spectra(spectra, measured, curves, noise)
     spectra.set_title("measured, and the residual of each model", loc="left")
-    spectra.set(ylabel=axis_label(label, power="/√Hz"))
+    spectra.set(ylabel=f"[{pretty_unit(unit)}/√Hz]")
     draw_legend(figure, list(handles.values()), list(handles))
     return figure
 
@@ -126,10 +124,9 @@ def _even(recording: Recording, values: Array) -> tuple[Array, float]:
     return np.interp(recording.time[0] + np.arange(len(recording)) / rate, recording.time, values), rate
 
 
-def _spectra(
-    axes: Any, measured: Recording, curves: Sequence[tuple[str, Any, Array]], channel: str, noise: float
-) -> None:
-    truth, highest = measured[channel], 0.0
+def _spectra(axes: Any, measured: Recording, curves: Sequence[tuple[str, Any, Array]], noise: float) -> None:
+    """Draw the spectra of the measurement, the first curve, and of the residuals."""
+    truth, highest = curves[0][2], 0.0
     for name, look, values in curves:
         even, rate = _even(measured, truth if name == "measured" else truth - values)
         freq, power = signal.welch(even - even.mean(), rate, nperseg=max(len(even) // SEGMENTS, min(len(even), 16)))

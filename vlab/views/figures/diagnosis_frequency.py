@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from vlab.signals import Array, ComplexArray
-from vlab.views.figures import COLOURS, INK, MARKERS, pretty_unit
+from vlab.views.figures import INK, MARKERS, pretty_unit
 from vlab.views.figures.diagnosis import LOOKS
 from vlab.views.figures.style import as_text, draw_legend, draw_line, styled
 
@@ -99,16 +99,15 @@ def modes_figure(
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     rows = np.arange(1, len(freq) + 1)
     handles: dict[str, Any] = {}
-    colours = {"nominal": "#9a9a9a", "calibrated": COLOURS[1], "extended": COLOURS[0]}
     for one, (label, models, sd) in zip(axes, panels, strict=True):
         one.axvline(0.0, color=INK, lw=0.8)
         one.barh(rows, 2 * sd, left=-sd, height=0.7, color="#e4e4e4", zorder=0)
         offsets = np.linspace(-0.2, 0.2, len(models)) if len(models) > 1 else np.zeros(1)
         for k, ((name, values), offset) in enumerate(zip(models, offsets, strict=True)):
             known = np.isfinite(values)
-            handles[name] = one.plot(values[known], (rows + offset)[known], MARKERS[k], color=colours[name], zorder=2)[
-                0
-            ]
+            handles[name] = one.plot(
+                values[known], (rows + offset)[known], MARKERS[k], color=LOOKS[name]["color"], zorder=2
+            )[0]
         one.set(xlabel=as_text(label), ylim=(len(freq) + 0.6, 0.4))
     axes[0].set_yticks(rows, [f"{k}: {f:.4g} Hz" for k, f in zip(rows, freq, strict=True)])
     axes[0].set_title(as_text(title), loc="left")

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from vlab.errors import BadRecording, unknown_name
 from vlab.signals import Array, FrequencyResponse
 from vlab.units import same_dimension
-from vlab.views.figures.style import as_text, decimate, draw_legend, draw_line, pretty_unit, stacked_axes, styled
+from vlab.views.figures.style import ROLES, as_text, decimate, draw_legend, draw_line, pretty_unit, stacked_axes, styled
 
 
 @styled
@@ -20,7 +20,7 @@ def frf_figure(
     output: str = "",
     input: str = "",
     *,
-    labels: tuple[str, str] = ("measured", "analytical"),
+    labels: tuple[str, str] = ("measured", "FE model"),
     overlays: Sequence[tuple[str, FrequencyResponse]] = (),
     log_frequency: bool = False,
     title: str = "",
@@ -67,12 +67,12 @@ def frf_figure(
     phases = [np.degrees(np.angle(frf.H[:, i, j])) for (_, frf), (i, j) in zip(curves, columns, strict=True)]
     low = _phase_cut(phases)
     handles = []
-    for k, ((_, frf), (i, j), phase) in enumerate(zip(curves, columns, phases, strict=True)):
-        size = np.abs(frf.H[:, i, j])
-        handles.append(draw_line(axes[0], frf.freq, np.where(size > 0, size, np.nan), k))
-        draw_line(axes[1], *_unjoined(*decimate(frf.freq, _wrapped(phase, low))), k)
+    for k, ((label, frf), (i, j), phase) in enumerate(zip(curves, columns, phases, strict=True)):
+        size, look = np.abs(frf.H[:, i, j]), ROLES.get(label, {})
+        handles.append(draw_line(axes[0], frf.freq, np.where(size > 0, size, np.nan), k, **look))
+        draw_line(axes[1], *_unjoined(*decimate(frf.freq, _wrapped(phase, low))), k, **look)
         if frf.coherence is not None:
-            draw_line(axes[2], frf.freq, frf.coherence[:, i], k)
+            draw_line(axes[2], frf.freq, frf.coherence[:, i], k, **look)
     _label_response(axes, [frf.freq for _, frf in curves], unit, low, log_frequency)
     axes[0].set_title(as_text(title or f"{output} from {input}"), loc="left")
     if len(curves) > 1 or overlays:

@@ -24,9 +24,24 @@ INK, GREY = "#000000", "#9a9a9a"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#56B4E9", "#E69F00")
 """COLOURS: Okabe-Ito without yellow, which is too light for a line on white."""
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (9, 2)), (0, (3, 1)), "-")
+ROLES: dict[str, dict[str, Any]] = {
+    "measured": {"color": INK, "linestyle": "-"},
+    "estimated": {"color": INK, "linestyle": "-"},
+    "simulated": {"color": INK, "linestyle": "-"},
+    "nominal": {"color": GREY, "linestyle": (0, (2.5, 1.2))},
+    "FE model": {"color": GREY, "linestyle": (0, (5, 1.6))},
+    "calibrated": {"color": COLOURS[1], "linestyle": (0, (5, 1.6))},
+    "fitted": {"color": COLOURS[1], "linestyle": (0, (5, 1.6))},
+    "extended": {"color": COLOURS[0], "linestyle": "-"},
+    "residual": {"color": COLOURS[2], "linestyle": "-"},
+}
+"""ROLES: looks of curves with a role. Data are black, a model before any fit is grey, a fitted model orange, a model with
+its missing physics blue. "simulated" means the record of a simulated experiment, which takes the place of a measurement."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 POINTS = 2000
 """POINTS [-]: most points of a line in a figure."""
+SHORT = 0.5
+"""SHORT [m, m/s]: length or speed below which millimetres read better."""
 STYLE = {
     "font.family": "sans-serif",
     "font.size": 9.0,
@@ -116,6 +131,28 @@ def channel_label(channel: Channel) -> str:
 def axis_label(channel: Channel, *, power: str = "") -> str:
     """Return the axis label of a channel."""
     return as_text(f"{channel_label(channel)}\n[{pretty_unit(channel.unit)}{power}]")
+
+
+def readable(channel: Channel, largest: float) -> tuple[float, str]:
+    """Return the factor and unit in which values of a channel read well.
+
+    Parameters
+    ----------
+    channel : Channel
+        Channel in SI.
+    largest : float
+        Largest size of the values.
+
+    Returns
+    -------
+    tuple of (float, str)
+        Millimetres for short lengths, degrees for angles, else the channel's unit.
+    """
+    if channel.unit == "rad":
+        return float(np.degrees(1.0)), "deg"
+    if channel.unit in ("m", "m/s") and 0 < largest < SHORT:
+        return 1e3, f"m{channel.unit}"
+    return 1.0, channel.unit
 
 
 def draw_line(axes: Any, x: ArrayLike, y: ArrayLike, index: int, **options: Any) -> Any:

@@ -11,8 +11,8 @@ from scipy import signal
 from vlab.errors import BadRecording, unknown_name
 from vlab.signals import Array, Channel, Recording
 from vlab.views.figures.style import (
-    DASHES,
     POINTS,
+    ROLES,
     as_text,
     axis_label,
     channel_label,
@@ -20,6 +20,7 @@ from vlab.views.figures.style import (
     draw_legend,
     draw_line,
     pretty_unit,
+    readable,
     stacked_axes,
     styled,
 )
@@ -236,23 +237,26 @@ def comparison_figure(
     over, rest, spectra = figure.subplots(3, 1, height_ratios=[1.2, 0.9, 1.3])
     rest.sharex(over)
     keep = _stretch(time, start, stop)
-    for axes, values, k in ((over, truth, 0), (over, model, 1), (rest, truth - model, 4)):
-        own = {"linestyle": "-"} if axes is rest else {}
-        draw_line(axes, time[keep], values[keep], k, lw=0.8, **own)
+    factor, unit = readable(label, float(np.abs(truth).max()))
+    shown = {"measured": factor * truth, "nominal": factor * model, "residual": factor * (truth - model)}
+    widths = {"measured": 1.8, "nominal": 0.8, "residual": 0.9}  # the nominal model lies over the measurement
+    for axes, what in ((over, "measured"), (over, "nominal"), (rest, "residual")):
+        draw_line(axes, time[keep], shown[what][keep], 0, **{**ROLES[what], "linestyle": "-", "lw": widths[what]})
     rest.set_title(f"rms of the residual: {residual_percent(truth, model):.3g} % of the measurement's", loc="left")
     over.tick_params(labelbottom=False)
+    over.set_title(as_text(channel_label(label)), loc="left")
     for axes in (over, rest):
         axes.margins(x=0)
-        axes.set_ylabel(axis_label(label))
+        axes.set_ylabel(as_text(f"[{pretty_unit(unit)}]"))
         axes.ticklabel_format(axis="y", scilimits=(-3, 4))
     handles = []
-    for values, k in ((truth, 0), (model, 1), (truth - model, 4)):
+    for what, values in shown.items():
         freq, density = _density(measured, values, segment_s)
         keep = (density > 0) & (freq <= (np.inf if highest_hz is None else highest_hz))
-        handles.append(draw_line(spectra, freq[keep], density[keep], k, linestyle=DASHES[2 if k == 4 else k]))
+        handles.append(draw_line(spectra, freq[keep], density[keep], 0, **ROLES[what]))
     rest.set_xlabel("time [s]")
-    spectra.set(yscale="log", xlabel="frequency [Hz]", ylabel=axis_label(label, power="/√Hz"))
+    spectra.set(yscale="log", xlabel="frequency [Hz]", ylabel=as_text(f"[{pretty_unit(unit)}/√Hz]"))
     spectra.margins(x=0)
     figure.align_ylabels()
-    draw_legend(figure, handles, ["measured", "simulated", "residual"])
+    draw_legend(figure, handles, ["measured", "nominal model", "residual"])
     return figure

@@ -33,7 +33,7 @@ from vlab.views.figures.model_drawing import model_figure
 from vlab.views.figures.restoring_force import restoring_force
 from vlab.views.reports.diagnosis_figures import drawn_terms, overlay, worst_first
 from vlab.views.reports.diagnosis_frequency import frequency_sections, write_frequency_scene
-from vlab.views.reports.diagnosis_summary import summary, verdict_sentence
+from vlab.views.reports.diagnosis_summary import headline, summary, verdict_sentence
 from vlab.views.reports.page import Section, write_report
 from vlab.views.reports.rejected_case import write_stopped, write_stopped_page
 from vlab.views.rerun.diagnosis import write_scene
@@ -122,7 +122,7 @@ def write_page(done: Done | RejectedCase, path: Path, files: ExtendedModelFiles 
         return write_stopped_page(done, path)
     title = done.diagnosis.title or done.problem.case.path.parent.name
     parts = sections(done, files)
-    write_report(path, title=f"Diagnosis: {title}", summary=summary(done), sections=parts)
+    write_report(path, title=f"Diagnosis: {title}", summary=summary(done), sections=parts, headline=headline(done))
     return parts
 
 

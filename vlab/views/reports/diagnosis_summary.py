@@ -2,6 +2,7 @@
 
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.pipeline import Diagnosed
+from vlab.views.reports.page import Headline
 
 
 def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
@@ -66,8 +67,48 @@ def _ratio(error: float | None, noise: float | None) -> str:
     return f"{100 * error:.3g} % of the recordings' rms, {error / noise:.3g} times the noise,"
 
 
+BADGES = {
+    "missing-physics": ("missing physics found", "found"),
+    "partly-explained": ("partly explained", "found"),
+    "unknown-law": ("place found, law unknown", "found"),
+    "nothing-missing": ("nothing is missing", "fine"),
+    "none-of-these": ("none of the catalogue", "open"),
+    "bad-recording": ("recordings not usable", "stopped"),
+}
+"""BADGES: verdict in a few words, and tone of the badge."""
+
+
+def headline(done: Diagnosed | FrequencyDiagnosed) -> Headline:
+    """Return badge, sentence, errors before and after, and next command.
+
+    Parameters
+    ----------
+    done : Diagnosed or FrequencyDiagnosed
+        Completed diagnosis.
+
+    Returns
+    -------
+    Headline
+        Head of the report.
+    """
+    diagnosis = done.diagnosis
+    badge, tone = BADGES[diagnosis.verdict]
+    errors, pair = diagnosis.heldout, []
+    where = "on held-out recordings" if diagnosis.is_held_out else "on the fit recordings"
+    if diagnosis.checked:
+        before = "nominal or calibrated" if any(c.stands == "nominal" for c in diagnosis.checked) else "calibrated"
+        named = [(f"error of the {before} model {where}", "nrmse_before")]
+        named += [("error of the extended model", "nrmse_after")] if diagnosis.is_naming else []
+        named.append(("noise", "nrmse_noise"))
+        pair = [(label, f"{100 * errors[key]:.3g} %") for label, key in named if errors[key] is not None]
+    command = "vlab show ."
+    if diagnosis.is_naming:
+        command = "vlab compare amended.toml" if diagnosis.is_complete else "vlab diagnose amended.toml --out ../next"
+    return Headline(badge=badge, tone=tone, sentence=verdict_sentence(done), pair=pair, command=command)
+
+
 def summary(done: Diagnosed | FrequencyDiagnosed) -> list[str]:
-    """Return the paragraphs under the title: verdict, findings, notes, next measurement.
+    """Return the paragraphs under the headline: findings, notes, next measurement.
 
     Parameters
     ----------
@@ -80,11 +121,16 @@ def summary(done: Diagnosed | FrequencyDiagnosed) -> list[str]:
         Paragraphs.
     """
     diagnosis = done.diagnosis
-    out = [verdict_sentence(done)]
+    out = []
     for finding in diagnosis.findings:
         out.append(f"{finding.name}: {finding.words}.")
         if len(finding.alike) > 1:
             out.append(f"{finding.name} is indistinguishable from {', '.join(finding.alike[1:])} in these recordings.")
-    out += list(diagnosis.notes)
+    out += [_as_sentence(note) for note in diagnosis.notes]
     out.append(f"Next measurement: {diagnosis.next_measurement}.")
     return out
+
+
+def _as_sentence(note: str) -> str:
+    """Return a note with a capital letter and a full stop."""
+    return f"{note[:1].upper()}{note[1:].rstrip('.')}."

@@ -134,7 +134,7 @@ def write_modal_test(
     responses = []
     pairs = [(o, i) for i in result.mean.inputs for o in result.mean.outputs]
     for output, into in pairs[:DRAWN]:
-        figure = frf_figure(result.mean, result.poles.fitted, output=output, input=into, labels=("measured", "fitted"))
+        figure = frf_figure(result.mean, result.poles.fitted, output=output, input=into, labels=("estimated", "fitted"))
         name = f"frf-{output}" if len(result.mean.inputs) == 1 else f"frf-{output}-from-{into}"
         responses.append(draw(name, figure, f"Displacement at {output} from {into}, measured and fitted."))
     left = f" Of {len(pairs)} responses the first {DRAWN} are drawn." if len(pairs) > DRAWN else ""

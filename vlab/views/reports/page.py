@@ -1,5 +1,7 @@
 """HTML reports in one file, readable offline, with all content escaped."""
 
+import base64
+import hashlib
 import math
 import re
 from collections.abc import Sequence
@@ -63,7 +65,39 @@ class Section:
             _check_svg(svg, caption)
 
 
-def write_report(path: Path | str, *, title: str, sections: Sequence[Section], summary: Sequence[str] = ()) -> Path:
+@dataclass(frozen=True, kw_only=True)
+class Headline:
+    """Answer of a page in one glance.
+
+    Parameters
+    ----------
+    badge : str
+        Verdict in two or three words.
+    tone : str
+        ``"found"``, ``"fine"``, ``"open"`` or ``"stopped"``: colour of the badge.
+    sentence : str
+        Verdict in one sentence.
+    pair : sequence of (label, value)
+        The numbers before and after.
+    command : str
+        Next command, run from the folder of the page; empty for none.
+    """
+
+    badge: str
+    tone: str
+    sentence: str
+    pair: Sequence[tuple[str, str]] = ()
+    command: str = ""
+
+
+def write_report(
+    path: Path | str,
+    *,
+    title: str,
+    sections: Sequence[Section],
+    summary: Sequence[str] = (),
+    headline: Headline | None = None,
+) -> Path:
     """Write a report as one self-contained HTML file.
 
     Parameters
@@ -76,6 +110,8 @@ def write_report(path: Path | str, *, title: str, sections: Sequence[Section], s
         Sections in reading order.
     summary : sequence of str
         Paragraphs under the title.
+    headline : Headline or None
+        Answer above the summary.
 
     Returns
     -------
@@ -88,7 +124,17 @@ def write_report(path: Path | str, *, title: str, sections: Sequence[Section], s
         The file cannot be written.
     """
     path = Path(path)
-    html = _environment().get_template("report.html").render(title=title, sections=sections, summary=summary)
+    page = _environment().get_template("report.html")
+    script = (TEMPLATES / "zoom.js").read_text(encoding="utf-8")
+    allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    html = page.render(
+        title=title,
+        sections=sections,
+        summary=summary,
+        headline=headline,
+        script=Markup(script),
+        allowed=Markup(allowed),
+    )
     with written_whole(path) as stream:
         stream.write(html.encode("utf-8", errors="replace"))
     return path

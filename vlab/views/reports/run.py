@@ -85,7 +85,10 @@ def _responses(frf: FrequencyResponse | None, analytical: FrequencyResponse | No
         return []
     beside = "" if analytical is None else ", and the FE model's of the same loop with hold, delay and filter"
     figures = [
-        (to_svg(frf_figure(frf, analytical, output, source)), f"{output} per {source}, measured{beside}.")
+        (
+            to_svg(frf_figure(frf, analytical, output, source, labels=("simulated", "FE model"))),
+            f"{output} per {source}, estimated from the simulated record{beside}.",
+        )
         for source in frf.inputs[:1]
         for output in frf.outputs[:PICTURES]
     ]

@@ -114,5 +114,6 @@ def response_pictures(
     out = []
     for k, (output, into) in enumerate(pairs):
         view = rrb.Spatial2DView(name=plain(f"{output} from {into}"), origin=f"/frf/{k}", background=[255, 255, 255])
-        out.append((f"frf/{k}", view, to_png(frf_figure(measured, analytical, output, into))))
+        figure = frf_figure(measured, analytical, output, into, labels=("simulated", "FE model"))
+        out.append((f"frf/{k}", view, to_png(figure)))
     return out

@@ -25,7 +25,7 @@ from vlab.views.rerun.control_law import LawScene
 from vlab.views.rerun.documents import cell, fact_list, level_table, log_document, response_pictures, run_facts
 from vlab.views.rerun.frames import Motion, port_deflections
 from vlab.views.rerun.modes import ModalScene
-from vlab.views.rerun.rrd import BLUE, GREEN, ORANGE, arranged, blueprint, identity_of, plain, rrd_file
+from vlab.views.rerun.rrd import GREEN, GREY, ORANGE, arranged, blueprint, identity_of, plain, rrd_file
 from vlab.views.rerun.spectra import SpectrumScene
 from vlab.views.rerun.structure import StructureScene, sensible_exaggeration
 from vlab.views.rerun.traces import PEAKS, log_series, log_traces, plot_view, trace_views
@@ -296,8 +296,12 @@ def write_comparison(
     layout = blueprint(rrb.Horizontal(rrb.Tabs(*pages) if len(pages) > 1 else pages[0], document, column_shares=[3, 1]))
     with rrd_file(path, title, layout, identity_of(measured, simulated)) as stream:
         for i, (_, time, truth, model) in enumerate(found):
-            curves = (("measured", truth, BLUE), ("simulated", model, ORANGE), ("residual", truth - model, GREEN))
-            for what, values, colour in curves:
-                log_series(stream, f"comparison/{i}/{what}", time, values, what, colour)
+            curves = (
+                ("measured", truth, GREY, 2.5),
+                ("simulated", model, ORANGE, 1.5),
+                ("residual", truth - model, GREEN, 1.5),
+            )
+            for what, values, colour, width in curves:
+                log_series(stream, f"comparison/{i}/{what}", time, values, what, colour, width=width)
         log_document(stream, fact_list(title, facts or {}) + "\n" + "\n".join(lines))
     return Path(path)

@@ -1,0 +1,243 @@
+"""Durations of an experiment that follow from the slowest mode of its plant.
+
+A mode of damping ratio zeta and angular frequency omega decays as exp(-t/tau), tau = 1/(zeta omega). A record must outlast
+the transient of the slowest mode, and a period, block or interval must hold the decay of that mode.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from scipy import linalg
+
+from vlab.errors import BadRecording
+from vlab.hardware import load_hardware
+from vlab.lab.excitation import build_excitation
+from vlab.lab.plant_modes import plant_modes
+from vlab.lab.run_folder import RunSettings
+from vlab.physics.attach import attach
+from vlab.physics.spec import parse_effect
+from vlab.plants import build_plant
+from vlab.plants.base import Plant
+from vlab.signals import Array
+from vlab.structure import load_structure
+
+SETTLED = 0.02
+"""SETTLED [1]: share of the transient that is left when averaging begins. 0.02 biases a damping ratio by 5 % at most on the
+beam (multisine, 4 periods). Raising the value shortens a record."""
+DECAYED = 0.05
+"""DECAYED [1]: share of a free decay that is left at the end of its block, as under the window of a hammer test."""
+PERIODS = 4
+"""PERIODS [1]: number of periods, blocks or blows. The modal test averages the second half of the periods; the estimate of
+coherence needs four blocks."""
+LOW_HZ, HIGH_HZ = 0.5, 60.0
+"""LOW_HZ, HIGH_HZ [Hz]: band in which the slowest mode of a release is looked for, as the band of other excitations."""
+SHARE = 0.05
+"""SHARE [1]: largest travel at a coil relative to the linear range of a velocity sensor. At 0.05 the release of the beam
+biases damping ratios by less than 0.1 %. Raising the value excites the nonlinear stretch of cables."""
+CREST = 3.0
+"""CREST [1]: peak of a random signal in standard deviations."""
+FREE = 1e-9
+"""FREE [1]: largest eigenvalue of a free motion relative to the largest."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Suited:
+    """Settings that follow from the plant.
+
+    Parameters
+    ----------
+    settings : RunSettings
+        Complete settings.
+    hz : float
+        Frequency of the slowest mode [Hz]; NaN if nothing follows from the plant.
+    tau_s : float
+        Time constant of that mode [s]; NaN if nothing follows from the plant.
+    """
+
+    settings: RunSettings
+    hz: float = float("nan")
+    tau_s: float = float("nan")
+
+    @property
+    def words(self) -> str:
+        """Reason of the duration in one sentence; empty if nothing follows from the plant."""
+        if not np.isfinite(self.tau_s):
+            return ""
+        return (
+            f"{self.settings.seconds:g} s follow from the slowest mode of the plant: {self.hz:.4g} Hz, time constant "
+            f"{self.tau_s:.3g} s (--seconds sets another duration)"
+        )
+
+
+def suited(settings: RunSettings) -> Suited:
+    """Return settings with duration and period that suit the plant.
+
+    A law in the loop, a stepped sine of stated steps and a dwell keep the default duration.
+
+    Parameters
+    ----------
+    settings : RunSettings
+        Settings whose duration is the default. A stated period, block or interval stays.
+
+    Returns
+    -------
+    Suited
+        Settings with the reason.
+    """
+    name, _, written = settings.excite.partition(":")
+    if settings.law or name not in RULES:
+        return Suited(settings=settings)
+    band = {"low_hz": settings.low_hz, "high_hz": settings.high_hz}
+    excitation = build_excitation(settings.excite, **({} if name == "release" else band))
+    low, high = getattr(excitation, "low_hz", LOW_HZ), getattr(excitation, "high_hz", HIGH_HZ)
+    plant = build_plant(load_structure(settings.structure), settings.plant, settings.variant)
+    code = settings.named_code
+    plant = attach(plant, [parse_effect(text, code=code) for text in settings.effect])
+    outputs = [tap.name for tap in plant.sensors]
+    try:
+        modes = plant_modes(plant, outputs, low_hz=low, high_hz=high)
+    except BadRecording:  # no mode in the band
+        return Suited(settings=settings)
+    tau = 1 / (2 * np.pi * modes.freq * modes.zeta)
+    slowest = int(np.argmax(tau))
+    stated = {key.strip() for key, _, _ in (part.partition("=") for part in written.split(","))} - {""}
+    found = RULES[name](settings, float(tau[slowest]), stated)
+    if settings.level is None and "level" not in stated and name in TRAVELS:
+        hardware = load_hardware(settings.hardware or None, settings.hardware_values)
+        travel = TRAVELS[name](_receptance(plant, settings), found)
+        found = replace(found, level=float(f"{SHARE * hardware.velocity_sensor.linear_range / travel:.2g}"))
+    return Suited(settings=found, hz=float(modes.freq[slowest]), tau_s=float(tau[slowest]))
+
+
+def _periodic(settings: RunSettings, tau: float, stated: set[str]) -> RunSettings:
+    """Return four periods, the first two of which outlast the transient."""
+    settle = tau * np.log(1 / SETTLED)
+    period = settings.period_s
+    if period is None and "period_s" in stated:
+        period = float(build_excitation(settings.excite).period_s)
+    if period is None:
+        period = float(np.ceil(2 * settle / PERIODS))
+        return replace(settings, period_s=period, seconds=PERIODS * period)
+    return replace(settings, seconds=max(PERIODS, 2 * int(np.ceil(settle / period))) * period)
+
+
+def _blocks(settings: RunSettings, tau: float, stated: set[str]) -> RunSettings:
+    """Return four blocks, in each of which the response to a burst decays."""
+    excitation: Any = build_excitation(settings.excite)
+    block = float(np.ceil(tau * np.log(1 / DECAYED) / (1 - min(excitation.share, 0.9))))
+    if "block_s" in stated:
+        return replace(settings, seconds=PERIODS * excitation.block_s)
+    return replace(settings, excite=_with(settings.excite, block_s=block), seconds=PERIODS * block)
+
+
+def _blows(settings: RunSettings, tau: float, stated: set[str]) -> RunSettings:
+    """Return four blows, after each of which the response decays."""
+    if "interval_s" in stated:
+        excitation: Any = build_excitation(settings.excite)
+        return replace(settings, seconds=PERIODS * excitation.interval_s)
+    interval = float(np.ceil(tau * np.log(1 / DECAYED)))
+    return replace(settings, excite=_with(settings.excite, interval_s=interval), seconds=PERIODS * interval)
+
+
+def _release(settings: RunSettings, tau: float, stated: set[str]) -> RunSettings:
+    """Return one decay."""
+    return replace(settings, seconds=float(np.ceil(tau * np.log(1 / DECAYED))))
+
+
+def _steps(settings: RunSettings, tau: float, stated: set[str]) -> RunSettings:
+    """Return the whole sweep of a stepped sine."""
+    excitation: Any = build_excitation(settings.excite, low_hz=settings.low_hz, high_hz=settings.high_hz)
+    return replace(settings, seconds=float(np.ceil(excitation.seconds)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Receptance:
+    """Modes of a plant between the exciting coil and all coils.
+
+    Parameters
+    ----------
+    omega, zeta : (n,) array
+        Angular frequencies [rad/s] and damping ratios.
+    gain : (n_coils, n) array
+        Product of the mass-normalised shapes at a coil and at the exciter [1/kg].
+    """
+
+    omega: Array
+    zeta: Array
+    gain: Array
+
+
+def _receptance(plant: Plant, settings: RunSettings) -> _Receptance:
+    at = plant.actuator_index(settings.at or load_structure(settings.structure).exciter)
+    data = plant.new_data()
+    data.ctrl[:] = plant.control_matrix[:, at]
+    mujoco.mj_forward(plant.model, data)
+    linear = plant.linearise()
+    square, shapes = linalg.eigh(linear.K, linear.M)
+    held = square > FREE * square.max()
+    shapes, omega = shapes[:, held], np.sqrt(square[held])
+    rows = plant.port_rows([tap.at for tap in plant.actuators]) @ shapes
+    zeta = np.einsum("ij,ik,kj->j", shapes, linear.C, shapes) / (2 * omega)
+    return _Receptance(omega=omega, zeta=zeta, gain=rows * (shapes.T @ data.qfrc_actuator))
+
+
+def _static_travel(modes: _Receptance, settings: RunSettings) -> float:
+    """Return the largest travel under a static unit force [m/N]."""
+    return float(np.abs((modes.gain / modes.omega**2).sum(axis=1)).max())
+
+
+def _random_travel(modes: _Receptance, settings: RunSettings) -> float:
+    """Return the largest peak travel under unit rms force over the band [m/N].
+
+    A mode of unit mass under an even one-sided density G [N^2/Hz] has the variance G/(8 zeta omega^3).
+    """
+    excitation: Any = build_excitation(settings.excite, low_hz=settings.low_hz, high_hz=settings.high_hz)
+    density = 1 / (excitation.high_hz - excitation.low_hz)
+    inside = (modes.omega >= 2 * np.pi * excitation.low_hz) & (modes.omega <= 2 * np.pi * excitation.high_hz)
+    variance = modes.gain**2 * (inside * density / (8 * modes.zeta * modes.omega**3))
+    return float(CREST * np.sqrt(variance.sum(axis=1).max()))
+
+
+def _sine_travel(modes: _Receptance, settings: RunSettings) -> float:
+    """Return the largest travel under a unit sine at the resonance of one mode [m/N]."""
+    return float(np.abs(modes.gain / (2 * modes.zeta * modes.omega**2)).max())
+
+
+def _blow_travel(modes: _Receptance, settings: RunSettings) -> float:
+    """Return the largest travel after a half-sine blow of unit peak [m/N]."""
+    excitation: Any = build_excitation(settings.excite, low_hz=settings.low_hz, high_hz=settings.high_hz)
+    impulse = 2 / np.pi * 1.5 / excitation.high_hz
+    inside = modes.omega <= 2 * np.pi * excitation.high_hz
+    return float(np.abs(modes.gain * inside / modes.omega).sum(axis=1).max() * impulse)
+
+
+TRAVELS: Mapping[str, Any] = {
+    "multisine": _random_travel,
+    "pseudo-random": _random_travel,
+    "burst-random": _random_travel,
+    "sweep": _sine_travel,
+    "hammer": _blow_travel,
+    "release": _static_travel,
+}
+"""TRAVELS: largest travel at a coil per unit level [m/N], by excitation."""
+
+
+RULES: Mapping[str, Any] = {
+    "multisine": _periodic,
+    "pseudo-random": _periodic,
+    "sweep": _periodic,
+    "burst-random": _blocks,
+    "hammer": _blows,
+    "release": _release,
+    "stepped-sine": _steps,
+}
+"""RULES: function of settings, time constant [s] and stated settings, by excitation."""
+
+
+def _with(excite: str, **settings: float) -> str:
+    """Return the text of an excitation with further settings."""
+    joint = "," if ":" in excite else ":"
+    return excite + joint + ",".join(f"{key}={value!r}" for key, value in settings.items())
