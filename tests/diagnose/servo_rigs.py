@@ -4,6 +4,7 @@ Two rigs: a lever on one servo, and a planar arm of two links on two servos. Bot
 Lagrange's in closed form; Runge-Kutta steps of fourth order integrate them between the samples of the held commands.
 """
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -117,6 +118,40 @@ class Arm:
           <worldbody>{bodies}{"</body>" * len(self.links)}</worldbody><actuator>{servos}</actuator></mujoco>"""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Train:
+    """Drive train between the motor and the joint of a lever.
+
+    Half the play [rad], stiffness [N m/rad], damper [N m s/rad], and the share of the joint's damping on the motor's side.
+    """
+
+    gap: float
+    stiffness: float
+    damper: float
+    share: float
+
+    def angles(self, lever: Arm, commands: np.ndarray) -> np.ndarray:
+        """Return the lever's angles (n, 1) under held commands (n, 1), from rest at zero.
+
+        Semi-implicit steps of a twentieth of a millisecond: the damper's edge in the play has no higher order.
+        """
+        (link,), (drive,) = lever.links, lever.drives
+        own, weight = link.inertia + link.mass * link.centre**2, link.mass * link.centre * GRAVITY
+        h = 5e-5
+        steps, out = round(1.0 / RATE / h), np.zeros(commands.shape)
+        m = q = r = w = 0.0
+        for k, command in enumerate(commands[:, 0].tolist()):
+            out[k] = q
+            for _ in range(steps):
+                s = m - q
+                beyond = s - min(max(s, -self.gap), self.gap)
+                moment = self.stiffness * beyond + self.damper * (r - w) * (beyond != 0.0)
+                r += h * (drive.force(command, m, r) - self.share * link.damping * r - moment) / link.armature
+                w += h * (moment - (1.0 - self.share) * link.damping * w - weight * math.sin(q)) / own
+                m, q = m + h * r, q + h * w
+        return out
+
+
 LEVER = Arm(
     links=(Link(mass=0.5, centre=0.12, length=0.15, inertia=1.5e-3, armature=0.006, damping=0.08),),
     drives=(Drive(gain=12.0, damping=0.35, limit=6.0),),
@@ -154,15 +189,20 @@ def servo_case(
     place: str = "",
     parameters: dict[str, float] | None = None,
     uncertain: dict[str, float] | None = None,
+    train: Train | None = None,
     seed: int = 0,
 ) -> Rig:
-    """Write a case of an arm whose true drives are `hidden`; the model's own drives where there are none."""
+    """Write a case of an arm whose true drives are `hidden`; the model's own drives where there are none.
+
+    A `train` stands between motor and lever.
+    """
     arm, rng = ARMS[arm_name], np.random.default_rng([seed, len(arm_name)])
     drives = tuple(hidden) or arm.drives
     records = []
     for name, role in (("one", "fit"), ("two", "fit"), ("three", "holdout")):
         commands = commands_of(arm, rng)
-        read = arm.angles(commands, drives) + NOISE * rng.standard_normal(commands.shape)
+        true = arm.angles(commands, drives) if train is None else train.angles(arm, commands)
+        read = true + NOISE * rng.standard_normal(commands.shape)
         columns = {f"{n}_cmd": commands[:, j] for j, n in enumerate(arm.names)}
         columns |= {f"{n}_pos": read[:, j] for j, n in enumerate(arm.names)}
         records.append(Record(name=name, role=role, columns=columns, rate_hz=RATE))

@@ -12,7 +12,7 @@ from vlab.physics.effect import Parameter, PortEffect, Step
 from vlab.physics.expression import CODE, OPERATIONS, trace_expression
 from vlab.physics.servo import Servo, ServoEffect, at_servo
 
-SERVO = Servo(gain=2.0, damping=0.3)
+SERVO = Servo(gain=2.0, damping=0.3, inertia=0.1, drag=0.2)
 _PORTS = [e for e in EFFECTS.values() if isinstance(e, PortEffect)]
 PORTS = [at_servo(e, SERVO) if isinstance(e, ServoEffect) else e for e in _PORTS]
 ALONG_MOTION = [e for e in PORTS if "coil" not in e.needs and (e.family != "friction" or e.memory(()))]

@@ -21,7 +21,7 @@ from vlab.errors import BadExperiment, unknown_name
 from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PortEffect, SensorEffect
 from vlab.physics.native import add_numbers, add_springs, numbers, springs
 from vlab.physics.running import AtActuator, AtPort, AtSensor, small_motion, tap_index
-from vlab.physics.servo import ServoEffect, at_servo, put_into, servo_of, servo_port
+from vlab.physics.servo import ServoEffect, at_servo, has_motor, put_into, servo_of, servo_port
 from vlab.plants.base import Plant, Port
 from vlab.plants.element_ports import constant_port
 from vlab.plants.equilibrium import settle
@@ -296,6 +296,8 @@ def _port(plant: Plant, one: Attached) -> Port:
         wrong = "the floor takes sinusoidal-force and force-offset only"
     elif ("servo" in needs) != one.place.startswith("actuator:"):
         wrong = "effects of a servo go with a position servo, as in actuator:NAME, and nothing else does"
+    elif "armature" in needs and not has_motor(plant, actuators_at(plant, one.place)[0]):
+        wrong = "the inertia of the servo's motor is unknown; give its joint or tendon an armature above 0"
     elif "coil" in needs and coil_at(plant, port) is None:
         wrong = "no actuator acts along it"
     if wrong:

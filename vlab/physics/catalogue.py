@@ -6,7 +6,17 @@ from typing import Any
 
 from vlab.controllers.user_law import ENTRY, FAILURES, check_code, class_from_file, from_entry_point, is_user_law
 from vlab.errors import BadExperiment, unknown_name
-from vlab.physics import actuator_memory, actuators, port_linear, port_memory, port_nonlinear, sensors, servo, tabulated
+from vlab.physics import (
+    actuator_memory,
+    actuators,
+    drive_train,
+    port_linear,
+    port_memory,
+    port_nonlinear,
+    sensors,
+    servo,
+    tabulated,
+)
 from vlab.physics.effect import Effect
 
 EFFECTS: dict[str, Effect] = {
@@ -61,6 +71,8 @@ EFFECTS: dict[str, Effect] = {
         servo.ServoTorqueConstant(),
         servo.ServoErrorDeadZone(),
         servo.ServoForceLimit(),
+        drive_train.ServoBacklash(),
+        drive_train.ServoCompliance(),
         sensors.SensorGain(),
         sensors.SensorOffset(),
         sensors.SensorDrift(),
@@ -106,6 +118,8 @@ ALIASES = {
     "magnetic-hysteresis": "actuator-hysteresis",
     "coil-inductance": "actuator-lag",
     "filter-corner": "actuator-lag",
+    "gear-play": "servo-backlash",
+    "elastic-gear": "servo-compliance",
     "servo-zero": "actuator-offset",
     "servo-supply": "servo-torque-constant",
     "floor-motion": "sinusoidal-force",

@@ -29,7 +29,17 @@ SensorStep = Callable[[float, float, float], float]
 
 Scan = Literal["", "delay", "period", "slope"]
 Reference = Literal[
-    "", "displacement", "velocity", "input", "input-slope", "output", "duration", "step", "error", "servo-force"
+    "",
+    "displacement",
+    "velocity",
+    "input",
+    "input-slope",
+    "output",
+    "duration",
+    "step",
+    "error",
+    "servo-force",
+    "servo-gain",
 ]
 
 
@@ -50,7 +60,7 @@ class Parameter:
     reference : str
         Scale of `grid`, `low` and `high`: the largest recorded displacement or velocity at the place, the largest
         input, the largest slope of input or output, the duration, or the sample period. Of a servo: the largest
-        position error or force. "" for no scale.
+        position error or force, or the position gain. "" for no scale.
     grid : tuple of float
         Trial values of the screening.
     scan : str
@@ -94,6 +104,9 @@ class Step(NamedTuple):
         Command of the actuator at the port, if any.
     first_velocity : array or None
         Velocity at the beginning of the step [m/s]; None if unknown.
+    damped : float or None
+        Share of the step's change of velocity on which the damping of actuators acts, where mobility and free velocity
+        leave that damping out: 0 explicit, 1 implicit. None if both include the damping.
     """
 
     h: Any
@@ -102,6 +115,7 @@ class Step(NamedTuple):
     free_velocity: Any = None
     command: Any = 0.0
     first_velocity: Any = None
+    damped: float | None = None
 
 
 TIMES = (1e-4, 3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.1)
@@ -131,7 +145,7 @@ class Effect(ABC):
     needs: ClassVar[tuple[str, ...]] = ()
     """Requirements on a place. For a port: ``"stiffness"`` (an elastic element), ``"coil"`` (an actuator along the
     port), ``"magnet"`` (an actuator, or no elastic element), ``"translation"`` or ``"rotation"``. ``"tension"``
-    means the rows of a stretched bar, ``"servo"`` a position servo. For a sensor: ``"command"`` or ``"sensor"``, the
+    means the rows of a stretched bar, ``"servo"`` a position servo, ``"armature"`` an inertia of the servo's motor. For a sensor: ``"command"`` or ``"sensor"``, the
     kind of the picked-up signal."""
     probe: ClassVar[float] = 1.0
     """Amplitude at which the screening evaluates a law; small where the law is linear in small amplitudes only."""
@@ -242,6 +256,8 @@ class PortEffect(Effect):
     """Dependence of the force on the port's motion. ``"linear"``: force and memory are linear in motion and memory, the
     same at all times and under every command. ``"none"``: the force depends on time alone. Both kinds are simulated
     much faster than ``"any"``."""
+    is_fast: ClassVar[bool] = False
+    """Whether the law moves faster than samples, so that the search takes several steps a sample."""
 
     @property
     def has_state(self) -> bool:

@@ -149,7 +149,9 @@ class _Symbol(NDArrayOperatorsMixin):
 
 
 @lru_cache(maxsize=512)
-def trace_expression(effect: PortEffect, h: float, seen: tuple[str, ...] = SIGNALS) -> ExpressionGraph | None:
+def trace_expression(
+    effect: PortEffect, h: float, seen: tuple[str, ...] = SIGNALS, numbers: tuple[str, ...] = ()
+) -> ExpressionGraph | None:
     """Return a law's tape for one step length.
 
     Parameters
@@ -160,20 +162,23 @@ def trace_expression(effect: PortEffect, h: float, seen: tuple[str, ...] = SIGNA
         Step length [s].
     seen : tuple of str
         Known signals of a step, of `SIGNALS`; every other signal has the default of `Step`.
+    numbers : tuple of str
+        Values that the law takes beside its parameters; their registers follow those of the parameters.
 
     Returns
     -------
     Tape or None
         None if the law cannot be recorded.
     """
-    names = [p.name for p in effect.parameters]
+    names = [*(p.name for p in effect.parameters), *numbers]
     count = len(effect.memory(()) or ())
     writer = _Writer(len(SIGNALS) + len(names) + count)
     symbols = [_Symbol(writer, at) for at in range(writer.inputs)]
     signals = dict(zip(SIGNALS, symbols, strict=False))
     own = symbols[len(SIGNALS) : len(SIGNALS) + len(names)]
     memory = symbols[len(SIGNALS) + len(names) :]
-    step = Step(h=h, **{name: signals[name] for name in seen if name not in ("z", "v")})
+    known: dict[str, Any] = {name: signals[name] for name in seen if name not in ("z", "v")}
+    step = Step(h=h, **known)
     force: Callable[..., tuple[Any, Any]] = effect.force
     try:
         result, after = force(

@@ -36,6 +36,9 @@ STAGGERED = (
 )
 """Integrators with the position half a step ahead of the velocity. The position then belongs to the middle of the
 beginning step."""
+DAMPED = {mujoco.mjtIntegrator.mjINT_EULER: 0.0, mujoco.mjtIntegrator.mjINT_RK4: 0.5}
+"""DAMPED [1]: share of a step's change of velocity on which the damping of actuators acts, by integrator; 1 for implicit
+integrators."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,6 +119,7 @@ class PortForces:
     def __init__(self, plant: Plant, attached: Sequence[AtPort]) -> None:
         self._model, self._h = plant.model, plant.timestep
         self._is_staggered = plant.model.opt.integrator in STAGGERED
+        self._damped = DAMPED.get(plant.model.opt.integrator, 1.0)
         lines = [(a, port) for a in attached for port in (a.port, *a.port.more)]
         lines.sort(key=lambda line: (isinstance(line[0].effect, PortEffect), line[0].effect.traits.is_dry_friction))
         data, n = plant.new_data(), len(lines)
@@ -127,9 +131,10 @@ class PortForces:
             plant, MjcfPlant
         )  # a structure's inertia varies only with the square of its rotations
         model = plant.model
-        is_implicit = model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER and not (
+        is_explicit = model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER and (
             model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
         )
+        is_implicit = model.opt.integrator in STAGGERED and not is_explicit
         self._damping = self._h * model.dof_damping if is_implicit and np.any(model.dof_damping) else None
         self._solve(data)
         self._moving = [i for i, port in enumerate(self._ports) if not port.is_constant]
@@ -195,7 +200,7 @@ class PortForces:
         memory: list[Any] = []
         if self._laws:
             (_, law, p, source), after = self._laws[0], v + h * a
-            step = Step(h, data.time + h / 2, h * G, after, source(data, commands), v)
+            step = Step(h, data.time + h / 2, h * G, after, source(data, commands), v, self._damped)
             force, now = law.force(z, 0.5 * (v + after + h * own), p, step, self._memory[0])
             memory.append(now)
         else:
@@ -222,7 +227,7 @@ class PortForces:
         for (i, law, p, source), past in zip(self._laws, self._memory, strict=True):
             before = float(v[i])
             after = before + h * float(a[i])
-            step = Step(h, t, h * float(G[i, i]), after, source(data, commands), before)
+            step = Step(h, t, h * float(G[i, i]), after, source(data, commands), before, self._damped)
             own = h * float(G[i] @ expected)
             force, now = law.force(float(z[i]), 0.5 * (before + after + own), p, step, past)
             memory.append(now)

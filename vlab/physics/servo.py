@@ -36,6 +36,11 @@ class Servo:
         Least and largest force.
     commands : tuple of (float, float)
         Least and largest command.
+    inertia : float
+        Inertia of the motor's side along the transmission: the joint's armature over the squared gear. 0 if the model
+        states none.
+    drag : float
+        Damping of the joint along the transmission.
     """
 
     gain: float = 0.0
@@ -43,6 +48,12 @@ class Servo:
     rest: float = 0.0
     limits: tuple[float, float] = (-np.inf, np.inf)
     commands: tuple[float, float] = (-np.inf, np.inf)
+    inertia: float = 0.0
+    drag: float = 0.0
+
+    def error(self, command: Any, z: Any) -> Any:
+        """Return the position error at a displacement from rest."""
+        return _within(command, self.commands) - self.rest - z
 
     def limited(self, force: Any) -> Any:
         """Return a force within the limits."""
@@ -50,7 +61,10 @@ class Servo:
 
 
 def _within(x: Any, limits: tuple[float, float]) -> Any:
-    return x if not np.any(np.isfinite(limits)) else np.minimum(np.maximum(x, limits[0]), limits[1])
+    low, high = limits
+    if low == -np.inf and high == np.inf:
+        return x
+    return min(max(x, low), high) if isinstance(x, float) else np.minimum(np.maximum(x, low), high)
 
 
 _FILTERS = (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
@@ -94,7 +108,33 @@ def servo_of(plant: Plant, index: int) -> Servo | None:
         rest=float(model.actuator_gear[i, 0]) * port.position(plant.new_data()),
         limits=_range(model.actuator_forcelimited[i], model.actuator_forcerange[i]),
         commands=_range(model.actuator_ctrllimited[i] and not has_state, model.actuator_ctrlrange[i]),
+        inertia=_of_span(model, i, "armature"),
+        drag=_of_span(model, i, "damping"),
     )
+
+
+def _of_span(model: Any, control: int, quantity: str) -> float:
+    """Return the armature or damping of an actuator's joint or tendon, along the actuator's length."""
+    spanned = int(model.actuator_trnid[control, 0])
+    if model.actuator_trntype[control] == mujoco.mjtTrn.mjTRN_JOINT:
+        value = getattr(model, f"dof_{quantity}")[model.jnt_dofadr[spanned]]
+    else:
+        value = getattr(model, f"tendon_{quantity}")[spanned]
+    return float(value) / float(model.actuator_gear[control, 0]) ** 2
+
+
+def has_motor(plant: Plant, index: int) -> bool:
+    """Return whether the model states the inertia of a servo's motor.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    index : int
+        Index into ``plant.actuators``.
+    """
+    servo = servo_of(plant, index)
+    return servo is not None and servo.inertia > 0
 
 
 def _range(is_limited: Any, values: Any) -> tuple[float, float]:
@@ -148,6 +188,9 @@ class ServoEffect(PortEffect):
     """
 
     needs: ClassVar[tuple[str, ...]] = ("servo",)
+    numbers: ClassVar[tuple[str, ...]] = ()
+    """Fields of `Servo` that the law also takes as values, where a calibration changes them: ``servo.NAME`` for the
+    servo, ``model.NAME`` for the simulated model to which the force is added."""
     servo: Servo = Servo()
 
     def changed(self, e: Any, v: Any, p: Values) -> Any:
@@ -172,7 +215,7 @@ class ServoEffect(PortEffect):
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
         """See `PortEffect`: the difference from the modelled force."""
         servo = self.servo
-        e = _within(step.command, servo.commands) - servo.rest - z
+        e = servo.error(step.command, z)
         return self.changed(e, v, p) - servo.limited(servo.gain * e - servo.damping * v), memory
 
     def factors(self, p: Values) -> Mapping[str, float] | None:

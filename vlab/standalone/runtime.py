@@ -26,12 +26,15 @@ STAGGERED = (
     mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
 )
 """Integrators with the position half a step ahead of the velocity."""
+DAMPED = {mujoco.mjtIntegrator.mjINT_EULER: 0.0, mujoco.mjtIntegrator.mjINT_RK4: 0.5}
+"""Share of a step's change of velocity on which the damping of actuators acts, by integrator; 1 for all others."""
 
 
 class Step(NamedTuple):
     """Data of one integration step.
 
-    Length and middle time [s], mobility [m/s/N], command, and velocities at the end and the beginning [m/s].
+    Length and middle time [s], mobility [m/s/N], command, velocities at the end and the beginning [m/s]. The last number
+    is the share of the change of velocity on which the damping of actuators acts.
     """
 
     h: Any
@@ -40,6 +43,7 @@ class Step(NamedTuple):
     free_velocity: Any = None
     command: Any = 0.0
     first_velocity: Any = None
+    damped: Any = None
 
 
 class Coordinate:
@@ -116,9 +120,10 @@ class Run:
         impedance = np.array([a.get("impedance", (0.0, 0.0, 0.0)) for a in LINES]).reshape(-1, 3)
         self.viscous, self.spring = impedance[:, 1], impedance[:, 2]
         self.added = impedance[:, 0] + self.viscous * self.h / 2
-        damps = model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER and not (
+        is_explicit = model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER and (
             model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
         )
+        damps = model.opt.integrator in STAGGERED and not is_explicit
         self.damping = self.h * model.dof_damping if damps and np.any(model.dof_damping) else None
         self.reset()
 
@@ -270,7 +275,8 @@ def _forces(model: Any, data: Any, run: Run) -> tuple[tuple[Any, Any], Any]:
         after = before + h * float(a[i])
         command = float(data.ctrl[line["control"]]) if "control" in line else 0.0
         command = float(data.act[line["state"]]) if "state" in line else command  # a servo's filtered command
-        step = Step(h, data.time + h / 2, h * float(G[i, i]), after, command, before)
+        damped = DAMPED.get(model.opt.integrator, 1.0)
+        step = Step(h, data.time + h / 2, h * float(G[i, i]), after, command, before, damped)
         own = h * float(G[i] @ expected)
         force, memory[i] = line["law"].force(
             float(z[i]), 0.5 * (before + after + own), line["values"], step, run.memory[i]

@@ -36,6 +36,9 @@ def reference_quantity(name: str, place: Place, groups: Sequence[Group], motion:
         return max(max(_largest(g, motion(g, place)[which]) for g in groups), 1e-300)
     if name in ("error", "servo-force"):
         return max(max(_largest(g, _of_servo(g, place, motion, name)) for g in groups), 1e-300)
+    if name == "servo-gain":
+        assert place.servo is not None
+        return place.servo.gain
     if name == "input":
         return max(max(float(np.abs(g.u[..., list(place.indices)]).max()) for g in groups), 1e-300)
     if name == "input-slope":

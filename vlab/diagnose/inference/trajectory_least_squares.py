@@ -20,12 +20,15 @@ from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import relative_changes
 from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.predictors.servo_numbers import carried, servo_numbers
 from vlab.diagnose.predictors.trajectory import pad_and_stack
 from vlab.diagnose.predictors.trajectory_integration import integrate_trajectory, trace_laws
 from vlab.diagnose.predictors.trajectory_laws import Law, Path, path_of
 from vlab.diagnose.predictors.trajectory_lines import Lines
+from vlab.diagnose.predictors.unit_effects import fast_march
 from vlab.diagnose.settings import FIT, TRAJECTORY, TRAJECTORY_FIT, TRAJECTORY_INTEGRATION
-from vlab.physics.effect import ActuatorEffect, PortEffect, SensorEffect, Step, Values
+from vlab.physics.effect import ActuatorEffect, Effect, PortEffect, SensorEffect, Step, Values
+from vlab.physics.servo import ServoEffect
 from vlab.signals import Array
 
 
@@ -231,9 +234,9 @@ class TrajectoryLeastSquares(LeastSquares):
         """Return channels (n, n_sets, n_windows, p) before sensor effects."""
         drive, forces = self._drive(terms, theta, values, len(theta))
         acting = [(term, own) for term, own in zip(terms, values, strict=True) if term.effect.kind == "port"]
-        steps = TRAJECTORY.fine if any(term.effect.traits.is_dry_friction for term, _ in acting) else 1
+        steps = TRAJECTORY.fine if any(_has_fine_steps(term.effect) for term, _ in acting) else 1
         A, G = (self.A, self.G) if steps == 1 else (self.fine_A, self.fine_G)
-        laws = [self._law(term, own, G, steps) for term, own in acting]
+        laws = [self._law(term, self._calibrated(term, own, theta), G, steps) for term, own in acting]
         laws.sort(key=lambda law: (not law.is_linear, law.is_last))
         drive = np.einsum("kwan,kswn->kswa", G, drive, optimize=True)
         seen = bool(np.any(self.D))
@@ -284,12 +287,27 @@ class TrajectoryLeastSquares(LeastSquares):
     ) -> tuple[Array, Array]:
         """Return generalised forces on deviations, and on sensors."""
         own = relative_changes(self.problem.parameters, theta - self.moving.theta)
-        forces = np.einsum("kwni,si->kswn", self.changes, own, optimize=True)
+        forces = np.einsum("kwni,si->kswn", self._changes_beside(terms), own, optimize=True)
         for term, given in zip(terms, values, strict=True):
             if isinstance(term.effect, ActuatorEffect):
                 for i in term.place.indices:
                     forces += self._actuated(term.effect, i, given, n_sets)
         return forces, forces.copy()
+
+    def _calibrated(self, term: Term, own: Mapping[str, Array], theta: Array) -> Mapping[str, Array]:
+        """Return a term's values with the calibrated numbers that the law carries itself."""
+        return {**own, **servo_numbers(self.problem, term.effect, term.place, theta, self.moving.theta)}
+
+    def _changes_beside(self, terms: Sequence[Term]) -> Array:
+        """Return the forces of uncertain parameters without the parts that laws carry themselves."""
+        out = self.changes
+        for term in terms:
+            which = carried(self.problem, term.effect, term.place)
+            if np.any(which):
+                along = self.lines(term.place)[0][0]
+                along = along / np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-300)
+                out = out - np.einsum("kwn,kwm,kwmi->kwni", along, along, out, optimize=True) * which
+        return out
 
     def _law(self, term: Term, own: Mapping[str, Array], G: Array, steps: int) -> Law:
         rows, z, v, weight = self.lines(term.place)
@@ -322,9 +340,29 @@ class TrajectoryLeastSquares(LeastSquares):
                 speed = s.systems[part.run].motion.v[cut] + deviation[:, nv:]
                 v[-count:, w] = np.einsum("kn,kn->k", row, speed)
                 h[-count:, w] = s.stack.h[cut, part.run]
+        if effect.is_fast:
+            return self._driven_memory(term, p, (z, v), longest)
         for k in range(longest):
             memory = effect.force(z[k][None], v[k][None], p, Step(h=h[k][None]), memory)[1]
         return memory
+
+    def _driven_memory(self, term: Term, p: Values, motion: tuple[Array, Array], longest: int) -> Any:
+        """Return a fast law's memory after a motion (longest, n_windows) under commands."""
+        effect, s, (z, v) = term.effect, self.moving, motion
+        assert isinstance(effect, PortEffect)
+        command = np.zeros(z.shape)
+        for w, part in enumerate(self.parts):
+            count = min(longest, part.first)
+            z[: longest - count, w], v[: longest - count, w] = z[-count, w] * (count > 0), v[-count, w] * (count > 0)
+            if isinstance(effect, ServoEffect) and term.place.coil is not None:
+                servo, whole = effect.servo, s.commands(term.place.coil)[:, part.run]
+                command[:, w] = servo.rest + z[0, w] + servo.damping / servo.gain * v[0, w]  # no force before the run
+                command[longest - count :, w] = whole[part.first - count : part.first]
+        later = np.minimum(np.arange(1, longest + 1), longest - 1)
+        z, v, a = 0.5 * (z + z[later]), 0.5 * (v + v[later]), (v[later] - v) / s.runs[0].h
+        wide = np.zeros((len(next(iter(p.values()))), z.shape[1]))
+        z, v, a, command = (x[:, None] + wide for x in (z, v, a, command))
+        return fast_march(effect, z, v, a, p, s.runs[0].h, command)[1]
 
     def _actuated(self, effect: ActuatorEffect, index: int, given: Mapping[str, Array], n_sets: int) -> Array:
         runs, h = self.moving.runs, self.moving.runs[0].h
@@ -389,6 +427,10 @@ class TrajectoryLeastSquares(LeastSquares):
             z = np.stack([self._cut(r) for r in whole.z])
             self._lines[place.name] = (rows, z, np.einsum("lkwn,kwn->lkw", rows, self.v), whole.weight)
         return self._lines[place.name]
+
+
+def _has_fine_steps(effect: Effect) -> bool:
+    return effect.traits.is_dry_friction or (isinstance(effect, PortEffect) and effect.is_fast)
 
 
 def _sensed(effect: SensorEffect, x: Array, p: Values, h: float, t: Array, is_even: bool) -> Array:

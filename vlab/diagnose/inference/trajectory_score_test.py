@@ -23,6 +23,7 @@ from vlab.diagnose.predictors.inverse_dynamics import changed_models, forces_of_
 from vlab.diagnose.predictors.kalman import FilterGains as SteadyGains
 from vlab.diagnose.predictors.kalman import Smoothed, stack_runs
 from vlab.diagnose.predictors.limited_actuator import LimitedActuator, limited_actuator
+from vlab.diagnose.predictors.servo_numbers import servo_numbers
 from vlab.diagnose.predictors.step_jacobian import Stepper
 from vlab.diagnose.predictors.trajectory import (
     FilterGains,
@@ -38,7 +39,7 @@ from vlab.diagnose.predictors.trajectory import (
 from vlab.diagnose.predictors.trajectory_data import with_signals
 from vlab.diagnose.predictors.trajectory_lines import Lines, lines_along
 from vlab.diagnose.predictors.trajectory_problem import Trajectories
-from vlab.diagnose.predictors.unit_effects import commands_changed, unit_amplitudes
+from vlab.diagnose.predictors.unit_effects import commands_changed, fast_series, unit_amplitudes
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import KERNELS, TRAJECTORY_SCORE_TEST
 from vlab.physics.attach import port_at
@@ -396,7 +397,13 @@ class TrajectoryScoreTest(ScoreTest):
         if place.coil is not None:
             own = self.commands(place.coil) if place.coil in self.stepper.lags else group.u[..., place.coil]
         with np.errstate(all="ignore"):  # a law too stiff for the samples diverges and is no candidate
-            laws = [self._series(group, place, effect, u, z[0], v[0], own) for u in unit_amplitudes(effect, shape)]
+            if effect.is_fast:
+                h = float(np.median(self.stack.h[self.stack.h > 0]))
+                numbers = servo_numbers(self.problem, effect, place, self.theta, self.theta)
+                each = ({**u, **numbers} for u in unit_amplitudes(effect, shape))
+                laws = [fast_series(effect, z[0], v[0], a[0], u, h, own) for u in each]
+            else:
+                laws = [self._series(group, place, effect, u, z[0], v[0], own) for u in unit_amplitudes(effect, shape)]
         series = [x / effect.probe if np.all(np.abs(x) < KERNELS.runaway) else 0.0 * z[0] for x in laws]
         return np.asarray(rows[0][..., None] * np.stack(series, axis=-1)[..., None, :])
 

@@ -447,7 +447,41 @@ def series(graph: ExpressionGraph, z: Array, v: Array, t: Array, values: Sequenc
     (n, ...) array
         Force [SI].
     """
+    return driven_series(graph, z, v, t, values, memory, ())[0]
+
+
+def driven_series(
+    graph: ExpressionGraph,
+    z: Array,
+    v: Array,
+    t: Array,
+    values: Sequence[Any],
+    memory: Sequence[Any],
+    others: Sequence[Any],
+) -> tuple[Array, list[Array]]:
+    """Return a law's force along a given motion, and the memory after the motion.
+
+    Parameters
+    ----------
+    graph : ExpressionGraph
+        Graph of the law.
+    z, v, t : (n, ...) array
+        Displacement, velocity [SI] and time [s].
+    values : sequence of array
+        Parameters of the law.
+    memory : sequence of array
+        Initial memory.
+    others : sequence of array
+        Further signals of a step, in the order of `vlab.physics.expression.SIGNALS`.
+
+    Returns
+    -------
+    force : (n, ...) array
+        Force [SI].
+    memory : list of (...) array
+        Memory after the last sample.
+    """
     (operations, _, (first,), stored, recalled), registers = loaded([graph], [values], [memory], z.shape[1:])
-    signals = np.stack([np.broadcast_to(x, z.shape).reshape(len(z), -1) for x in (z, v, t)], axis=1)
+    signals = np.stack([np.broadcast_to(x, z.shape).reshape(len(z), -1) for x in (z, v, t, *others)], axis=1)
     out = _series(operations, first, registers, signals, stored, recalled, graph.force)
-    return np.asarray(out.reshape(z.shape))
+    return np.asarray(out.reshape(z.shape)), [registers[i].reshape(z.shape[1:]) for i in recalled]

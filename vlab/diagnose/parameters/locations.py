@@ -141,7 +141,7 @@ def admissible(effect: Effect, place: Place) -> bool:
     if isinstance(effect, PickUp):
         return place.kind == "pick-up" and place.tag in effect.needs
     if isinstance(effect, ServoEffect):
-        return place.servo is not None
+        return place.servo is not None and ("armature" not in effect.needs or place.servo.inertia > 0)
     if effect.kind in ("actuator", "sensor"):
         return place.kind == effect.kind and (not place.also or effect.traits.is_shared)
     if place.kind == "body":

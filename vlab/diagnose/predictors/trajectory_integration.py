@@ -49,7 +49,7 @@ def trace_laws(laws: Sequence[Law]) -> list[ExpressionGraph | None] | None:
             out.append(None)
             continue
         assert isinstance(law.effect, PortEffect)
-        graph = None if law.path.even is None else trace_expression(law.effect, law.path.even, _SEEN)
+        graph = None if law.path.even is None else trace_expression(law.effect, law.path.even, _SEEN, law.numbers)
         if graph is None:
             return None
         out.append(graph)
@@ -94,7 +94,7 @@ def integrate_trajectory(
     """
     n, n_sets, n_windows, size = drive.shape
     traced = [(law, graph) for law, graph in zip(laws, graphs, strict=True) if graph is not None]
-    own = [[law.p[p.name] for p in law.effect.parameters] for law, _ in traced]
+    own = [[law.p[name] for name in (*(p.name for p in law.effect.parameters), *law.numbers)] for law, _ in traced]
     memories = [law.memory or () for law, _ in traced]
     held, registers = loaded([graph for _, graph in traced], own, memories, (n_sets, n_windows))
     results = np.array([graph.force for _, graph in traced], dtype=np.int64)

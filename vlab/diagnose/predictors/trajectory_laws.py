@@ -111,7 +111,7 @@ class Law:
     term : Term
         Effect and location.
     own : mapping of str to (n_sets,) array
-        Parameter values.
+        Parameter values, and numbers that the law takes beside its parameters.
     path : Path
         Motion of the location.
     t : (n, n_windows) array
@@ -127,6 +127,7 @@ class Law:
     ) -> None:
         self.effect, self.path, self.t, self.command, self.memory = term.effect, path, t, command, memory
         self.p = {name: np.asarray(value)[:, None] for name, value in own.items()}
+        self.numbers = tuple(name for name in own if all(name != p.name for p in term.effect.parameters))
         self.is_linear = isinstance(term.effect, LinearPortEffect)
         self.is_last = term.effect.traits.is_dry_friction  # sticking balances all other forces
         self.is_single = path.rows.shape[1] == 1
