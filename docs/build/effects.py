@@ -9,7 +9,7 @@ import mkdocs_gen_files
 import numpy as np
 from matplotlib.figure import Figure
 
-from vlab.cli.effects import places_of
+from vlab.cli.effects import REFERENCES, places_of
 from vlab.physics.catalogue import ALIASES, EFFECTS
 from vlab.physics.effect import (
     ActuatorEffect,
@@ -35,8 +35,8 @@ CYCLES, PER_CYCLE = 4, 2000
 """Cycles of the motion that a port's figure is made of, and samples of each; the last two cycles are drawn."""
 OWN_STIFFNESS = 1.0
 """Stiffness of the elastic element at the port [N/mm in the figures' units]."""
-SERVO = Servo(gain=1.0, damping=0.05, limits=(-1.5, 1.5))
-"""Servo of the figures: gains in N/mm and N s/mm, limits of the force in N."""
+SERVO = Servo(gain=1.0, damping=0.05, limits=(-1.5, 1.5), inertia=0.002, drag=0.02)
+"""Servo of the figures: gains in N/mm and N s/mm, limits in N, inertia in N s^2/mm, damping of the joint in N s/mm."""
 SIGNAL_SAMPLES = 120
 """Samples of the command or motion that figures of actuators and sensors show, 1 s long."""
 CHOSEN = {
@@ -115,7 +115,7 @@ def port_figure(effect: PortEffect | LinearPortEffect) -> tuple[Figure, str]:
     """Draw force over displacement and over velocity, or over time where the law depends on that; and say what is shown."""
     t, z, v, _ = motion()
     units = {"displacement": 1.0, "velocity": 2 * np.pi, "input": 1.0, "": 1.0, "step": 1.0 / PER_CYCLE}
-    units |= {"error": 1.0, "servo-force": 1.0}
+    units |= {"error": 1.0, "servo-force": 1.0, "servo-gain": 1.0}
     values = {p.name: shape(effect, p, units.get(p.reference, 1.0)) for p in effect.shapes}
     command = np.zeros(len(t)) if isinstance(effect, ServoEffect) else np.ones(len(t))
     for p in effect.amplitudes:  # each with a force of its own of about one newton
@@ -248,12 +248,7 @@ def parameter_row(p: Parameter) -> str:
             return np.format_float_positional(x, trim="-")
         return f"{x:.0e}".replace("e-0", "e-").replace("e+0", "e")
 
-    references = {
-        "displacement": "largest displacement", "velocity": "largest velocity", "input": "largest input",
-        "input-slope": "largest slope of the input", "output": "largest output", "duration": "duration",
-        "step": "sample period", "error": "largest position error", "servo-force": "largest force of the servo",
-    }  # fmt: skip
-    of = f" × {references[p.reference]}" if p.reference else f" {p.unit}" if p.unit != "1" else ""
+    of = f" × {REFERENCES[p.reference]}" if p.reference else f" {p.unit}" if p.unit != "1" else ""
     sign = "±" if p.signed and p.low > 0 else ""
     bounds = f"{number(p.low)} to {number(p.high)}"
     return f"| `{p.name}` | {p.unit} | {f'{sign}({bounds})' if sign else bounds}{of} | {p.words} |"

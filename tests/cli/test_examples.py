@@ -1,16 +1,19 @@
 """Examples by name, the table of effects, nearest names, and a narrower search."""
 
 import json
+from typing import get_args
 
 import pytest
 from command import run
 
 from vlab.api.diagnosis import candidate_effects, check_places
 from vlab.cases import load_case
+from vlab.cli.effects import REFERENCES
 from vlab.diagnose.parameters.locations import Place, admissible, limited
 from vlab.errors import BadExperiment, UnknownName, unknown_name
 from vlab.files.examples import examples, located
 from vlab.physics.catalogue import EFFECTS
+from vlab.physics.effect import Reference
 
 
 def test_examples_are_listed_opened_and_copied(capsys, tmp_path):
@@ -82,3 +85,13 @@ def test_until_noise_needs_a_folder(capsys):
     status, _, err = run(capsys, "diagnose", "example:emps", "--until-noise")
     assert status == 2
     assert "give --out DIR as well" in err
+
+
+def test_every_scale_of_a_parameter_has_words():
+    assert set(REFERENCES) == set(get_args(Reference)) - {""}
+
+
+def test_every_effect_prints_in_full(capsys):
+    status, out, _ = run(capsys, "effects", "--full")
+    assert status == 0
+    assert all(f"\n{name}  [" in f"\n{out}" for name in EFFECTS)

@@ -40,6 +40,7 @@ REFERENCES = {
     "step": "sample period",
     "error": "largest position error of the servo",
     "servo-force": "largest force of the servo",
+    "servo-gain": "position gain of the servo",
 }
 """Scales of a parameter's range in words."""
 SHORT = {"port": "point, joint, element", "actuator": "actuator", "sensor": "sensor"}
