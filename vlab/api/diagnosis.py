@@ -12,7 +12,7 @@ from vlab.controllers.user_law import code_of
 from vlab.diagnose.diagnosis import Finding, RejectedCase, Verdict
 from vlab.diagnose.export import Done, native_model
 from vlab.diagnose.kernels.parallel import limited_to
-from vlab.diagnose.parameters.locations import is_named, limited
+from vlab.diagnose.parameters.locations import is_named
 from vlab.diagnose.pipeline import diagnose as run_pipeline
 from vlab.errors import BadExperiment, OutputRefused, unknown_name
 from vlab.files.output_folder import finite, output_folder, write_manifest
@@ -275,12 +275,11 @@ def diagnose(
         raise BadExperiment(f"the time limit is {time_limit:g} s; give a positive number of seconds")
     candidates = candidate_effects(effects or (), families, only)
     case = case if isinstance(case, Case) else load_case(case)
-    if at:
-        names = [at] if isinstance(at, str) else list(at)
+    names = [at] if isinstance(at, str) else list(at or ())
+    if names:
         check_places(case.plant, names)
-        candidates = [limited(effect, names) for effect in candidates]
     with limited_to(jobs), reported(progress, "diagnose") as report:
-        done = run_pipeline(case, effects=candidates, progress=report, time_limit=time_limit)
+        done = run_pipeline(case, effects=candidates, at=names, progress=report, time_limit=time_limit)
     return Diagnosis(case, done)
 
 

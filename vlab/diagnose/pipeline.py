@@ -1,7 +1,7 @@
 """Pipeline of a diagnosis from recordings: preparation, search, confirmation, validation, report."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -29,6 +29,7 @@ from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed, diagnose_freque
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.inference.sensor_offset import explained_sensor_offsets, find_sensor_offsets
 from vlab.diagnose.parameters.holdout import HoldOut, moves, read_holdout
+from vlab.diagnose.parameters.locations import limited
 from vlab.diagnose.parameters.mesh_correction import with_modes_of_fe
 from vlab.diagnose.parameters.shared_numbers import with_whole_gains
 from vlab.diagnose.parameters.static_offset import StaticOffset, remove_static_offsets
@@ -95,6 +96,7 @@ def diagnose(
     case: Case,
     *,
     effects: Sequence[Effect] = (),
+    at: Collection[str] = (),
     progress: Callable[[float, str], None] | None = None,
     time_limit: float | None = None,
 ) -> Diagnosed | FrequencyDiagnosed | RejectedCase:
@@ -109,6 +111,8 @@ def diagnose(
         Case.
     effects : sequence of Effect
         Candidate effects; the catalogue by default.
+    at : collection of str
+        Places at which effects are sought, with or without their kind; all places by default.
     progress : callable or None
         Receives the completed share and the current step.
     time_limit : float or None
@@ -127,11 +131,13 @@ def diagnose(
     BadRecording
         A file is damaged or contradicts the case.
     """
+    effects = _sought(list(effects) or list(CANDIDATES), at)
     if is_in_frequency(case):
         return diagnose_frequency(case, effects=effects, progress=progress)
     return _Pass(
         whole_case=case,
-        effects=list(effects) or list(CANDIDATES),
+        effects=effects,
+        at=at,
         report=progress or (lambda share, what: None),
         began=time.monotonic(),
         deadline=Deadline.after(time_limit),
@@ -196,6 +202,8 @@ class _Pass:
         Case before preparation.
     effects : sequence of Effect
         Candidate effects.
+    at : collection of str
+        Places at which effects are sought; all if empty.
     report : callable
         Receives the completed share and the current step.
     began : float
@@ -210,6 +218,7 @@ class _Pass:
 
     whole_case: Case
     effects: Sequence[Effect]
+    at: Collection[str]
     report: Callable[[float, str], None]
     began: float
     deadline: Deadline
@@ -242,8 +251,9 @@ class _Pass:
         if judged.verdict != "none-of-these" or is_idle or self.deadline.is_past:
             return None
         self.report(0.95, "fitting a tabulated force")
-        last = replace(self, effects=LAST_RESORT, told="; ".join(filter(None, [self.told, UNKNOWN_LAW])))
-        found = searched.model_class.search(LAST_RESORT, lambda share, what: None, self.deadline)
+        effects = _sought(LAST_RESORT, self.at)
+        last = replace(self, effects=effects, told="; ".join(filter(None, [self.told, UNKNOWN_LAW])))
+        found = searched.model_class.search(effects, lambda share, what: None, self.deadline)
         searched = replace(searched, found=found)
         again = last._judge(searched, last._confirm(searched))
         if isinstance(again, _Pass) or again.verdict not in NAMING:
@@ -320,13 +330,12 @@ class _Pass:
                 lambda fewer: verdict_on(trials, fewer) == verdict,
             )
             if tried.fit is not fit:
-                fit = tried.fit
-                judged = replace(judged, fit=fit, after=seen.on(extended(problem, fit)))
+                judged = replace(judged, fit=tried.fit, after=seen.on(extended(problem, tried.fit)))
         if verdict == "none-of-these" and not searched.is_structure:
             coarse = coarse_steps(judged.before, searched.runs, problem.horizon_s)
             if coarse:
                 finer = replace(trials, change=with_finer_steps)
-                again = finer.of(fit, terms_of(fit))
+                again = finer.of(tried.fit, terms_of(tried.fit))
                 second = verdict_on(finer, again)
                 if second != verdict:
                     verdict, tried, trials = second, again, finer
@@ -439,6 +448,11 @@ def _separating_experiment(searched: _Searched, judged: _Judged) -> str:
         return ""
     one, two = (extended(searched.problem, h.long_fit) for h in (leading[0], other))
     return in_words(experiments(one, two, searched.runs, tried.checked), leading[0].label, other.label)
+
+
+def _sought(effects: Sequence[Effect], at: Collection[str]) -> list[Effect]:
+    """Return effects that are sought at some places only."""
+    return [limited(effect, at) for effect in effects] if at else list(effects)
 
 
 def _on_fit_runs(trials: Trials, fit: Fit, terms: Sequence[Finding]) -> Sequence[Checked]:

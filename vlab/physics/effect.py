@@ -158,6 +158,8 @@ class Effect(ABC):
     not show the change. The law's amplitude is then a stiffness of the changed element."""
     is_linear: ClassVar[bool] = False
     """Whether the effect adds mass, damping or stiffness."""
+    sought_at: frozenset[str] | None = None
+    """Names of the places at which alone the effect is sought, with or without their kind; None for all places."""
     is_last_resort: ClassVar[bool] = False
     """Whether the effect is tried only where no other effect explains the recordings."""
 

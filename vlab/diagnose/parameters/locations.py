@@ -16,9 +16,6 @@ from vlab.plants.base import Plant
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
 
-SOUGHT_AT = "sought_at"
-"""Attribute of an effect with the names of the locations at which alone the effect is sought."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Place:
@@ -97,7 +94,7 @@ def limited(effect: Effect, at: Collection[str]) -> Effect:
         Copy of the effect.
     """
     out = copy.copy(effect)
-    setattr(out, SOUGHT_AT, frozenset(at))
+    out.sought_at = frozenset(at)
     return out
 
 
@@ -135,7 +132,7 @@ def admissible(effect: Effect, place: Place) -> bool:
     bool
         Whether kind, family and needs of the effect match the location.
     """
-    at = getattr(effect, SOUGHT_AT, None)
+    at = effect.sought_at
     if at is not None and not any(is_named(name, at) for name in (place.name, *place.aliases)):
         return False
     if isinstance(effect, PickUp):
