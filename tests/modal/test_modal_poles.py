@@ -230,7 +230,7 @@ def test_number_of_modes_can_be_asked_for_and_the_chart_marks_stable_poles():
     found = estimate_poles(
         response(H + noise(np.random.default_rng(6), H, 0.001)[1]), n_modes=3, orders=range(4, 30, 2)
     )
-    assert found.freq.size == 3
+    assert found.freq == pytest.approx(freq[:3], rel=1e-3)  # the first ones, not the largest
     assert found.n_nuisance == 2
     chart = found.stabilisation
     assert set(chart.order) <= set(range(4, 30, 2))

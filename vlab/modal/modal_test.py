@@ -43,7 +43,7 @@ class ModalTest:
     band_hz : (low, high)
         Band of the modes [Hz].
     n_modes : int or None
-        Number of reported modes; by default as many as the data support.
+        Number of reported modes, the first ones in the band; by default as many as the data support.
     signal : str or None
         Excitation, one of `vlab.modal.recognise.KINDS`; by default from the recording's notes or samples.
     period_s : float or None

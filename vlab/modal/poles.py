@@ -168,10 +168,10 @@ def estimate_poles(
     orders : sequence of int
         Model orders of the chart, about 2 to 5 times the number of modes; by default every second from 4 to 60.
     n_modes : int
-        Largest number of reported modes, by significance and regardless of confidence. None for as many as the data
-        support.
+        Largest number of reported modes: the first ones in the band. Less confident poles fill the number, by
+        significance. None for as many as the data support.
     min_confidence : float
-        Smallest confidence of a reported pole (only without `n_modes`).
+        Smallest confidence of a mode. With `n_modes`, less confident poles are reported only if modes are too few.
     residual_powers : sequence of int
         Powers of j omega that represent all modes outside the band.
 
@@ -264,7 +264,9 @@ def _report(
     if residual > 100 * EXACT:  # in exact data two poles are two modes, however close
         keep &= ~_is_ghost(state, residues, used)
     modes = np.flatnonzero(keep & ((confidence >= min_confidence) | (n_modes is not None)))
-    modes = modes[np.lexsort((-state.gain[modes], confidence[modes] < 0.5))][:n_modes]
+    is_unsure = confidence[modes] < min_confidence
+    order = np.where(is_unsure, -state.gain[modes], np.abs(poles[modes]))  # sure modes upwards, then the largest others
+    modes = modes[np.lexsort((order, is_unsure))][:n_modes]
     modes = modes[np.argsort(np.abs(poles[modes]))]
     if modes.size == 0:
         raise BadRecording(
