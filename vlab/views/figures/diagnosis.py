@@ -31,6 +31,8 @@ LEAST_SAMPLES = 150
 SEGMENTS = 8
 MOST_LABELLED = 100.0
 """MOST_LABELLED [-]: largest frequency ratio of a half-width panel with labels within decades."""
+LAW = ROLES["extended"]["color"]
+"""LAW: colour of a fitted law."""
 LOOKS = {name: ROLES[name] for name in ("measured", "nominal", "calibrated", "extended")}
 """LOOKS: line styles of the measurement and of every model."""
 
@@ -332,7 +334,6 @@ def force_figure(
     curves: Sequence[tuple[str, str, Array, Array | None, Array]],
     ylabel: str,
     *,
-    law: str = "",
     series: tuple[Array, Array, Array | None] | None = None,
 ) -> Figure:
     """Draw a fitted law over its variables.
@@ -343,8 +344,6 @@ def force_figure(
         One panel each; arrays have one value per sample.
     ylabel : str
         Quantity and unit of the law.
-    law : str
-        Not used.
     series : (time [s], law, free estimate or None) or None
         Stretch in time.
 
@@ -363,10 +362,13 @@ def force_figure(
         if free is not None:
             dots = _thinned(x, free)
             handles["force found without a law"] = axes.plot(*dots, ".", color="#b5b5b5", ms=2.2, zorder=1)[0]
-            middle = _medians(x, free)
-            handles["its median"] = axes.plot(*middle, "s", color=INK, ms=4, mfc="white", zorder=3)[0]
+            rising = np.gradient(x) >= 0.0  # one value of friction or hysteresis per direction
+            for what, marker, branch in (("rising", ">", rising), ("falling", "<", ~rising)):
+                middle = _medians(x[branch], free[branch])
+                look = {"color": INK, "ms": 4, "mfc": "white", "zorder": 3}
+                handles[f"its median, {what}"] = axes.plot(*middle, marker, **look)[0]
         dots = _thinned(x, force)
-        handles["fitted law along the motion"] = axes.plot(*dots, ".", color=COLOURS[1], ms=3.2, zorder=2)[0]
+        handles["fitted law along the motion"] = axes.plot(*dots, ".", color=LAW, ms=3.2, zorder=2)[0]
         axes.set(xlabel=as_text(f"{name} [{pretty_unit(unit)}]"), ylabel=as_text(ylabel) if k == 0 else "")
         axes.ticklabel_format(scilimits=(-3, 4))
         _limit(axes, free, force)
@@ -375,7 +377,7 @@ def force_figure(
         time, force, free = series
         if free is not None:
             draw_line(axes, time, free, 0, color="#9a9a9a", linestyle="-", lw=0.8)
-        draw_line(axes, time, force, 0, color=COLOURS[1], linestyle="-")
+        draw_line(axes, time, force, 0, color=LAW, linestyle="-")
         axes.set(xlabel="time [s]", ylabel=as_text(ylabel))
         axes.margins(x=0)
         axes.ticklabel_format(axis="y", scilimits=(-3, 4))
@@ -399,6 +401,8 @@ def _thinned(x: Array, y: Array, most: int = 500) -> tuple[Array, Array]:
 
 
 def _medians(x: Array, y: Array, bins: int = 15) -> tuple[Array, Array]:
+    if x.size < 2:
+        return np.zeros(0), np.zeros(0)
     edges = np.linspace(np.quantile(x, 0.01), np.quantile(x, 0.99), bins + 1)
     which = np.digitize(x, edges) - 1
     found = [
