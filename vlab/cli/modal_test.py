@@ -69,7 +69,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar=("LOW", "HIGH"),
         help="search modes in this band in Hz (default: all lines of the response)",
     )
-    parser.add_argument("--modes", type=int, help="report the first modes in the band, this number (default: as many as the data support)")
+    parser.add_argument(
+        "--modes",
+        type=int,
+        help="report the first modes in the band, this number (default: as many as the data support)",
+    )
     parser.add_argument(
         "--estimator",
         choices=("H1", "H2", "Hv"),
