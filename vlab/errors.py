@@ -89,17 +89,21 @@ def unknown_name(kind: str, given: str, known: Iterable[str], *, where: str = ""
 def _nearest_numbers(given: str, names: Iterable[str]) -> list[str]:
     """Return the names that differ in their number only, at the smallest distance.
 
-    A missing part before a colon does not count, as in ``40in`` for ``coil:40in``.
+    A missing part before a colon does not count, as in ``40in`` for ``coil:40in``. A number beyond all known ones is a
+    slip of the keys instead.
     """
     own = NUMBERED.fullmatch(given)
     if own is None or not (own["before"] or own["after"]):  # a bare number is no place
         return []
-    distances: dict[str, float] = {}
+    numbers: dict[str, float] = {}
     for name in names:
         other = NUMBERED.fullmatch(name)
         if other is None or other["after"] != own["after"]:
             continue
         if own["before"] in (other["before"], other["before"].rpartition(":")[2]):
-            distances[name] = abs(float(other["number"]) - float(own["number"]))
-    least = min(distances.values(), default=0.0)
-    return [name for name, distance in distances.items() if distance == least][:2]
+            numbers[name] = float(other["number"])
+    asked = float(own["number"])
+    if not (numbers and min(numbers.values()) <= asked <= max(numbers.values())):
+        return difflib.get_close_matches(given, numbers, n=1, cutoff=0.5)
+    least = min(abs(number - asked) for number in numbers.values())
+    return [name for name, number in numbers.items() if abs(number - asked) == least][:2]

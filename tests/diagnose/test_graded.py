@@ -96,7 +96,12 @@ def test_a_partial_explanation_needs_the_larger_part_of_the_posterior_in_its_fam
     assert not is_partial_explanation(attempt, choice(coulomb_friction=0.3, added_mass=0.5))
 
 
-def test_an_effect_beside_a_refuted_model_is_no_explanation():
+def test_another_error_of_a_refuted_model_is_as_likely_as_its_effect():
+    of = [finding("coulomb-friction")], choice(coulomb_friction=0.9, added_mass=0.1), 0.6
+    assert graded(*of, is_plausible=False)[0].probability == pytest.approx(0.5 * graded(*of)[0].probability)
+
+
+def test_parameters_beyond_the_quantile_refute_a_model():
     fit = replace(fit_of(), theta=np.zeros(4), cost=100.0)
     # 99 % quantile of chi-squared with 4 degrees of freedom: 13.277 (any table)
     assert has_plausible_parameters(replace(fit, chi2=113.2))

@@ -124,11 +124,14 @@ def findings_of_attempt(hypothesis: Hypothesis, fit: Fit, problem: Reportable) -
     return findings_of_terms(alone, fit, problem)
 
 
-def graded(findings: Sequence[Finding], choice: Choice, explained: float) -> tuple[Finding, ...]:
+def graded(
+    findings: Sequence[Finding], choice: Choice, explained: float, *, is_plausible: bool = True
+) -> tuple[Finding, ...]:
     """Return the findings of a partial explanation.
 
-    The unexplained share may belong to a law that explains the rest as well, so it bounds every probability. Effects of
-    the same family that are as probable join the indistinguishable ones.
+    The unexplained share may belong to a law that explains the rest as well, so it bounds every probability. Beside
+    parameters that refute the model, another error of the model is as likely as the effects, which halves the
+    probabilities. Effects of the same family that are as probable join the indistinguishable ones.
 
     Parameters
     ----------
@@ -138,12 +141,15 @@ def graded(findings: Sequence[Finding], choice: Choice, explained: float) -> tup
         Choice with its ranking.
     explained : float
         Explained share of the mismatch [1].
+    is_plausible : bool
+        Whether the uncertain parameters agree with what the case states.
 
     Returns
     -------
     tuple of Finding
         Findings with probabilities.
     """
+    most = explained if is_plausible else 0.5 * explained
     known = sum(p for h, p in choice.tried if h.terms)
     shares: dict[str, float] = {}
     for h, p in choice.tried:
@@ -154,7 +160,7 @@ def graded(findings: Sequence[Finding], choice: Choice, explained: float) -> tup
         own = shares.get(finding.effect, 0.0)
         related = (t.effect for h, _ in choice.tried for t in h.terms if t.effect.family == finding.family)
         alike = [e.physics for e in related if shares[e.physics] >= own]
-        out.append(replace(finding, probability=explained * own, alike=tuple(dict.fromkeys([*finding.alike, *alike]))))
+        out.append(replace(finding, probability=most * own, alike=tuple(dict.fromkeys([*finding.alike, *alike]))))
     return tuple(out)
 
 

@@ -331,23 +331,20 @@ class _Pass:
             )
             if tried.fit is not fit:
                 judged = replace(judged, fit=tried.fit, after=seen.on(extended(problem, tried.fit)))
-        if verdict == "none-of-these" and not searched.is_structure:
-            coarse = coarse_steps(judged.before, searched.runs, problem.horizon_s)
-            if coarse:
-                finer = replace(trials, change=with_finer_steps)
-                again = finer.of(tried.fit, terms_of(tried.fit))
-                second = verdict_on(finer, again)
-                if second != verdict:
-                    verdict, tried, trials = second, again, finer
-                    judged = replace(
-                        judged, before=with_finer_steps(judged.before), after=with_finer_steps(judged.after)
-                    )
-                    coarse += "; the verdict is on the shorter ones"
-                elif not self.told:  # the fit compensates the coarse steps, so the search repeats
-                    told = f"{coarse}; all of the search is with the shorter ones"
-                    finer_case = replace(self.whole_case, plant=with_finer_steps(trials.nominal).plant)
-                    return replace(self, whole_case=finer_case, told=told, checked_file=searched.file)
-                judged = replace(judged, notes=(coarse,))
+        may_be_coarse = verdict == "none-of-these" and not searched.is_structure
+        if may_be_coarse and (coarse := coarse_steps(judged.before, searched.runs, problem.horizon_s)):
+            finer = replace(trials, change=with_finer_steps)
+            again = finer.of(tried.fit, terms_of(tried.fit))
+            second = verdict_on(finer, again)
+            if second != verdict:
+                verdict, tried, trials = second, again, finer
+                judged = replace(judged, before=with_finer_steps(judged.before), after=with_finer_steps(judged.after))
+                coarse += "; the verdict is on the shorter ones"
+            elif not self.told:  # the fit compensates the coarse steps, so the search repeats
+                told = f"{coarse}; all of the search is with the shorter ones"
+                finer_case = replace(self.whole_case, plant=with_finer_steps(trials.nominal).plant)
+                return replace(self, whole_case=finer_case, told=told, checked_file=searched.file)
+            judged = replace(judged, notes=(coarse,))
         judged = replace(judged, verdict=verdict, tried=tried)
         return self._graded(searched, judged, trials) if verdict == "none-of-these" else judged
 
@@ -383,7 +380,8 @@ class _Pass:
             after, fit = judged.before, judged.confirmed.before
             checked = [c.without_findings() for c in checked]
         if verdict in ("partly-explained", "unknown-law"):
-            findings = graded(findings, choice, explained_share(checked) or 0.0)
+            share, is_plausible = explained_share(checked) or 0.0, has_plausible_parameters(fit)
+            findings = graded(findings, choice, share, is_plausible=is_plausible)
         findings, attempt, seen = one_per_law(findings), judged.attempt, judged.seen
         diagnosis = Diagnosis(
             title=problem.case.table.title,

@@ -231,8 +231,7 @@ def family_share(choice: Choice, families: Collection[str]) -> float:
 def is_partial_explanation(attempt: Attempt, choice: Choice) -> bool:
     """Return whether an attempt is a partial explanation.
 
-    Its effects generalise, and their families have more than half of the posterior of all fitted effects. Its uncertain
-    parameters must be plausible: an effect beside a refuted model stands for another error of the model.
+    Its effects generalise, and their families have more than half of the posterior of all fitted effects.
 
     Parameters
     ----------
@@ -248,8 +247,7 @@ def is_partial_explanation(attempt: Attempt, choice: Choice) -> bool:
     """
     families = {finding.family for finding in attempt.findings}
     is_held_out = all(c.role == "holdout" for c in attempt.checked)
-    is_told = explains_part(attempt.checked) and has_plausible_parameters(attempt.fit)
-    return is_held_out and is_told and family_share(choice, families) > 0.5
+    return is_held_out and explains_part(attempt.checked) and family_share(choice, families) > 0.5
 
 
 def has_plausible_parameters(fit: Fit) -> bool:
