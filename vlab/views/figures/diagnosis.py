@@ -365,7 +365,7 @@ def force_figure(
             rising = np.gradient(x) >= 0.0  # one value of friction or hysteresis per direction
             for what, marker, branch in (("rising", ">", rising), ("falling", "<", ~rising)):
                 middle = _medians(x[branch], free[branch])
-                look = {"color": INK, "ms": 4, "mfc": "white", "zorder": 3}
+                look: dict[str, Any] = {"color": INK, "ms": 4, "mfc": "white", "zorder": 3}
                 handles[f"its median, {what}"] = axes.plot(*middle, marker, **look)[0]
         dots = _thinned(x, force)
         handles["fitted law along the motion"] = axes.plot(*dots, ".", color=LAW, ms=3.2, zorder=2)[0]
