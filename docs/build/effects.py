@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from vlab.cli.effects import REFERENCES, places_of
+from vlab.files.text import as_sentence
 from vlab.physics.catalogue import ALIASES, EFFECTS
 from vlab.physics.effect import (
     ActuatorEffect,
@@ -235,11 +236,6 @@ def draw(effect: Effect) -> tuple[Figure, str]:
         return signal_figure(effect)
 
 
-def sentence(text: str) -> str:
-    """Return words of the catalogue as a sentence."""
-    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
-
-
 def parameter_row(p: Parameter) -> str:
     """Return the row of a parameter in its table."""
 
@@ -262,7 +258,7 @@ def section(effect: Effect) -> str:
     also = [f"`{alias}`" for alias, name in ALIASES.items() if name == effect.name]
     lines = [
         f"### {effect.name}", "",
-        sentence(effect.words), "",
+        as_sentence(effect.words), "",
         f"Law: `{effect.law}`", "",
         f"- Family: {effect.family}.",
         f"- Places: {places_of(effect)}.",

@@ -63,3 +63,19 @@ def _is_blank(c: str) -> bool:
 def _escape(c: str) -> str:
     code = ord(c)
     return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+
+def as_sentence(text: str) -> str:
+    """Return a text with a capital letter and one full stop.
+
+    Parameters
+    ----------
+    text : str
+        Sentence that begins in lower case.
+
+    Returns
+    -------
+    str
+        Sentence.
+    """
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."

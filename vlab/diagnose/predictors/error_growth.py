@@ -60,9 +60,10 @@ def parts_within_growth(system: TimeVaryingSystem) -> int:
     int
         Number of parts; 1 along a stable motion.
     """
-    count = 1
-    if error_growth(system, 1) * PROBLEM.model_error < 1.0:
+    count, growth = 1, error_growth(system, 1)
+    if growth * PROBLEM.model_error < 1.0:
         return count
-    while error_growth(system, count) > ERROR_GROWTH.most and len(system.A) >= (count + 1) * VALIDATION.least_part:
+    while growth > ERROR_GROWTH.most and len(system.A) >= (count + 1) * VALIDATION.least_part:
         count += 1
+        growth = error_growth(system, count)
     return count

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from vlab.cases.compare import Comparison, RunComparison
+from vlab.files.text import as_sentence
 from vlab.views.figures import comparison_figure, to_svg
 from vlab.views.reports.page import Section, write_report
 from vlab.views.rerun.scene import write_comparison
@@ -70,7 +71,7 @@ def case_sections(comparison: Comparison) -> list[Section]:
             text=(
                 "Simulated with the nominal model; only the initial state is fitted. NRMSE is the rms of the error over the "
                 "rms of the recording about its mean: 0 is perfect, 1 is no better than the mean.",
-                *(f"{line[:1].upper()}{line[1:]}." for line in comparison.remarks),
+                *map(as_sentence, comparison.remarks),
             ),
             tables=[(HEADERS, misfit_rows(comparison))],
             figures=[figure for run in comparison.runs for figure in _overlays(run)],

@@ -18,6 +18,7 @@ from vlab.diagnose.pipeline import Diagnosed
 from vlab.diagnose.validation.gap import gap_closed, total, whole_gap
 from vlab.diagnose.validation.simulation import Checked
 from vlab.files.output_folder import finite
+from vlab.files.text import as_sentence
 from vlab.physics.catalogue import EFFECTS
 from vlab.recordings.files import written_whole
 from vlab.standalone.answer import FOLDER
@@ -166,14 +167,14 @@ def sections(done: Done, files: ExtendedModelFiles | None = None) -> list[Sectio
     out.append(
         Section(
             title="Not excluded",
-            text=tuple(f"{line[:1].upper()}{line[1:]}." for line in diagnosis.not_excluded)
+            text=tuple(map(as_sentence, diagnosis.not_excluded))
             or ("No other effect and no other place that was tried fits as well.",),
         )
     )
     out.append(
         Section(
             title="Next measurement",
-            text=(f"{diagnosis.next_measurement[:1].upper()}{diagnosis.next_measurement[1:]}.",),
+            text=(as_sentence(diagnosis.next_measurement),),
         )
     )
     out.append(Section(title="Quality of the recordings", text=diagnosis.quality or ("No damage was found.",)))

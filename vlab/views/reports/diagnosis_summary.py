@@ -2,6 +2,7 @@
 
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.pipeline import Diagnosed
+from vlab.files.text import as_sentence
 from vlab.views.reports.page import Headline
 
 
@@ -126,11 +127,6 @@ def summary(done: Diagnosed | FrequencyDiagnosed) -> list[str]:
         out.append(f"{finding.name}: {finding.words}.")
         if len(finding.alike) > 1:
             out.append(f"{finding.name} is indistinguishable from {', '.join(finding.alike[1:])} in these recordings.")
-    out += [_as_sentence(note) for note in diagnosis.notes]
+    out += [as_sentence(note) for note in diagnosis.notes]
     out.append(f"Next measurement: {diagnosis.next_measurement}.")
     return out
-
-
-def _as_sentence(note: str) -> str:
-    """Return a note with a capital letter and a full stop."""
-    return f"{note[:1].upper()}{note[1:].rstrip('.')}."
