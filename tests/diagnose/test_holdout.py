@@ -63,6 +63,16 @@ def test_without_a_hold_out_nothing_is_verified(tmp_path):
     assert "nothing could be verified" in read_holdout(write(tmp_path, [FIT]), ("x", "v")).notes[0]
 
 
+@pytest.mark.parametrize(("factor", "is_new"), [(1.0, False), (0.5, True)])
+def test_the_same_inputs_show_no_other_motion(tmp_path, factor, is_new):
+    noise = 1e-4 * np.random.default_rng(3).standard_normal(TIME.size)
+    again = ("holdout", ALL, (factor * SWEEP, 0.01 * factor * SWEEP + noise, 0.1 * factor * SWEEP))
+    case = write(tmp_path, [FIT, again])
+    found = read_holdout(case, ("x", "v"), case.runs(("fit",)))
+    assert found.is_new == is_new
+    assert any("repeats the inputs of run0" in note for note in found.notes) != is_new
+
+
 def test_a_copy_of_what_is_fitted_verifies_nothing(tmp_path):
     case = write(tmp_path, [FIT, ("holdout", *FIT[1:])])
     with pytest.raises(BadCase, match="run1 is held out and has the very samples of run0"):

@@ -40,7 +40,7 @@ AT_REST, STILL = 0.02, 5
 STILL [samples]: number of such samples required of accelerations alone."""
 AT_UNSTABLE_REST = 1e-3
 """AT_UNSTABLE_REST [1]: `AT_REST` for an unstable equilibrium, from which small initial errors grow."""
-REFINEMENTS = 4
+REFINEMENTS = 8
 """REFINEMENTS [1]: largest number of Gauss-Newton iterations."""
 WORTH, ENOUGH = 1.1, 0.02
 """WORTH [1]: ratio of the rms residual on the model to that on the linearisation above which the estimate is refined; a
@@ -470,23 +470,33 @@ def _residual(problem: StartProblem, x: Array, offset: Array) -> Array:
 def _refine(problem: StartProblem, x: Array, left: Array, offset: Array) -> tuple[Array, Array]:
     """Improve the linear estimate by Gauss-Newton iterations.
 
-    A failed iteration keeps the preceding estimate.
+    Broyden's rank-one update keeps the Jacobian, since a new one takes a simulation per state. A step that gains nothing
+    on an updated Jacobian asks for a new one. A failed iteration keeps the preceding estimate.
     """
     try:
+        slopes, is_new = _slopes(problem, x, left, offset), True
         for _ in range(REFINEMENTS):
-            step = 1e-4 * max(float(np.abs(x).max()), 1e-9 if problem.origin is None else 0.1)
-            moved = x + step * np.eye(x.size)
-            slopes = np.array([(_residual(problem, point, offset) - left) / step for point in moved])
             held = problem.held * np.eye(x.size)
-            rows, wanted = np.vstack([slopes.T, held]), np.concatenate([left, problem.held * x])
-            better = x - np.linalg.lstsq(rows, wanted, rcond=1e-9)[0]
-            trial = _residual(problem, better, offset)
+            rows, wanted = np.vstack([slopes, held]), np.concatenate([left, problem.held * x])
+            step = -np.linalg.lstsq(rows, wanted, rcond=1e-9)[0]
+            trial = _residual(problem, x + step, offset)
             gained = 1.0 - float(trial @ trial) / float(left @ left)
-            if not gained > 0:
+            if not gained > 0 and is_new:
                 break
-            x, left = better, trial
+            if not gained > 0:
+                slopes, is_new = _slopes(problem, x, left, offset), True
+                continue
+            slopes, is_new = slopes + np.outer(trial - left - slopes @ step, step) / float(step @ step), False
+            x, left = x + step, trial
             if gained < 1e-3:
                 break
     except Diverged:
         pass  # the step was too long; the preceding estimate stands
     return x, left
+
+
+def _slopes(problem: StartProblem, x: Array, left: Array, offset: Array) -> Array:
+    """Return the Jacobian of the residual by finite differences, (n_residuals, n_states)."""
+    step = 1e-4 * max(float(np.abs(x).max()), 1e-9 if problem.origin is None else 0.1)
+    moved = x + step * np.eye(x.size)
+    return np.column_stack([(_residual(problem, point, offset) - left) / step for point in moved])

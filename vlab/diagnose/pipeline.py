@@ -245,10 +245,11 @@ class _Pass:
         return self._tabulated(searched, judged) or self._diagnosed(searched, judged)
 
     def _tabulated(self, searched: _Searched, judged: _Judged) -> Diagnosed | None:
-        """Return the diagnosis with a tabulated force, where no effect explains the recordings."""
+        """Return the diagnosis with a tabulated force, verified on another motion."""
         attempt = judged.attempt
         is_idle = attempt is not None and attempt.is_of_the_fit_alone  # the hold-out recordings show no mismatch
-        if judged.verdict != "none-of-these" or is_idle or self.deadline.is_past:
+        is_open = judged.verdict == "none-of-these" and searched.holdout.is_new
+        if not is_open or is_idle or self.deadline.is_past:
             return None
         self.report(0.95, "fitting a tabulated force")
         effects = _sought(LAST_RESORT, self.at)
@@ -333,12 +334,12 @@ class _Pass:
                 judged = replace(judged, fit=tried.fit, after=seen.on(extended(problem, tried.fit)))
         may_be_coarse = verdict == "none-of-these" and not searched.is_structure
         if may_be_coarse and (coarse := coarse_steps(judged.before, searched.runs, problem.horizon_s)):
-            finer = replace(trials, change=with_finer_steps)
+            finer = trials.with_change(with_finer_steps)
             again = finer.of(tried.fit, terms_of(tried.fit))
             second = verdict_on(finer, again)
             if second != verdict:
                 verdict, tried, trials = second, again, finer
-                judged = replace(judged, before=with_finer_steps(judged.before), after=with_finer_steps(judged.after))
+                judged = replace(judged, before=trials.before, after=with_finer_steps(judged.after))
                 coarse += "; the verdict is on the shorter ones"
             elif not self.told:  # the fit compensates the coarse steps, so the search repeats
                 told = f"{coarse}; all of the search is with the shorter ones"

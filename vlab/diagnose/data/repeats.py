@@ -78,7 +78,7 @@ def with_repeats(runs: Sequence[Run], others: Sequence[Run] = ()) -> tuple[Run, 
     """
     every = [*runs, *others]
     return tuple(
-        replace(run, repeats=tuple(other.measured for other in every if other is not run and _repeats(run, other)))
+        replace(run, repeats=tuple(other.measured for other in every if other is not run and repeats(run, other)))
         for run in runs
     )
 
@@ -124,8 +124,8 @@ def _power(run: Run, channel: str, one: Recording, other: Recording) -> Array | 
     return power if power is not None and np.sum(power) > NOISE.least_left * np.mean(settled**2) else None
 
 
-def _repeats(one: Run, other: Run) -> bool:
-    """Return whether two runs have equal inputs, sample by sample."""
+def repeats(one: Run, other: Run) -> bool:
+    """Return whether two open-loop runs have equal inputs, sample by sample."""
     a, b = one.measured, other.measured
     names = [d.channel for d in one.drives]
     if not names or one.law is not None or other.law is not None or not (a.is_uniform and b.is_uniform):

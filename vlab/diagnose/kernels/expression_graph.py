@@ -148,7 +148,7 @@ in_any_order = compiled(error_model="numpy", fastmath={"reassoc", "contract"})
 
 
 @in_any_order
-def integrate_free(
+def integrate_lanes(
     turn: Array,
     dense: Array,
     into: Array,
@@ -156,88 +156,9 @@ def integrate_free(
     direct: Array,
     inputs: Array,
     state: Array,
-    substeps: int,
-    y: Array,
-) -> None:  # pragma: no cover - compiled
-    """Integrate linear states under inputs, in place.
-
-    Parameters
-    ----------
-    turn : (2, n_sets, m) array
-        Real and imaginary parts of the step's eigenvalues.
-    dense : (n_sets, m, m) array
-        Step matrices, acting on rows from the right; empty in modal form.
-    into : (n_sets, n_inputs, 2m) array
-        Effect of a unit input on the state.
-    rows : (n_sets, p, 2m) array
-        Output rows.
-    direct : (n_sets, n_inputs, p) array
-        Feedthrough.
-    inputs : (n, 1 or substeps, 1 or n_sets, n_runs, n_inputs) array
-        Inputs [SI].
-    state : (n_sets, n_runs, 2m) array
-        Initial states, overwritten by the final ones.
-    substeps : int
-        Integration steps per sample.
-    y : (n_sets, n_runs, n, p) array
-        Channels [SI], overwritten.
-
-    See Also
-    --------
-    vlab.diagnose.predictors.modal_integration : the modal form of the step.
-    """
-    n_sets, n_runs, n, channels = y.shape
-    n_inputs, size = inputs.shape[4], state.shape[2]
-    m = size // 2
-    held = np.empty(size)
-    for s in range(n_sets):
-        of = min(s, inputs.shape[2] - 1)
-        for r in range(n_runs):
-            x = state[s, r]
-            for k in range(n):
-                for c in range(channels):
-                    total = 0.0
-                    for j in range(size):
-                        total += x[j] * rows[s, c, j]
-                    for i in range(n_inputs):
-                        total += inputs[k, 0, of, r, i] * direct[s, i, c]
-                    y[s, r, k, c] = total
-                for sub in range(substeps):
-                    now = min(sub, inputs.shape[1] - 1)
-                    if dense.shape[0] > 0:
-                        for j in range(size):
-                            held[j] = x[j]
-                            x[j] = 0.0
-                        for i in range(m):
-                            for j in range(m):
-                                x[j] += held[i] * dense[s, i, j]
-                    else:
-                        for j in range(m):
-                            held[j] = x[j] * turn[0, s, j] - x[m + j] * turn[1, s, j]
-                            held[m + j] = x[j] * turn[1, s, j] + x[m + j] * turn[0, s, j]
-                        for j in range(size):
-                            x[j] = held[j]
-                    for i in range(n_inputs):
-                        u = inputs[k, now, of, r, i]
-                        if u != 0.0:
-                            for j in range(size):
-                                x[j] += u * into[s, i, j]
-
-
-@in_any_order
-def integrate_with_laws(
-    turn: Array,
-    dense: Array,
-    into: Array,
-    rows: Array,
-    direct: Array,
-    inputs: Array,
-    state: Array,
-    substeps: int,
     observed_rows: Array,
     seen: Array,
-    last: Array,
-    clock: tuple[float, Array],
+    clock: tuple[int, float, Array],
     laws: tuple[Array, Array, Array, Array, Array, Array],
     graphs: tuple[Array, Array, Array, Array, Array],
     registers: Array,
@@ -245,119 +166,138 @@ def integrate_with_laws(
 ) -> None:  # pragma: no cover - compiled
     """Integrate linear states under inputs and laws, in place.
 
+    The last axis of every array holds the lanes: parameter set times recording, recordings first. All inner loops run
+    over lanes and are vectorised.
+
     Parameters
     ----------
-    turn, dense, into, rows, direct, inputs, state, substeps : array or int
-        Linear system, inputs and initial states of `integrate_free`.
-    observed_rows : (n_sets, 2 n_ports, 2m) array
+    turn : (2, m, n_lanes) array
+        Real and imaginary parts of the step's eigenvalues.
+    dense : (m, m, n_lanes) array
+        Step matrices, acting on rows from the right; empty in modal form.
+    into : (n_inputs, 2m, n_lanes) array
+        Effect of a unit input on the state.
+    rows : (p, 2m, n_lanes) array
+        Output rows.
+    direct : (n_inputs, p, n_lanes) array
+        Feedthrough.
+    inputs : (n, 1 or substeps, 1 or n_sets, n_runs, n_inputs) array
+        Inputs [SI].
+    state : (2m, n_lanes) array
+        Initial states, overwritten by the final ones.
+    observed_rows : (2 n_ports, 2m, n_lanes) array
         Rows of port displacements and velocities.
-    seen : (n_sets, n_runs, 2 n_ports) array
+    seen : (2 n_ports, n_lanes) array
         Port motion at the start of the step, overwritten.
-    last : (n_laws, n_sets, n_runs, 2 n_ports) array
-        Port motion from the last force of every law, overwritten.
-    clock : tuple of float and (n_runs,) array
-        Step [s] and time of every run's first sample [s].
+    clock : tuple of int, float and (n_runs,) array
+        Steps per sample, step [s] and time of every run's first sample [s].
     laws : tuple of array
         Port, command, state, port-motion and feedthrough maps of every law, and the register of its force.
     graphs : tuple of array
         Expression graphs of the laws.
-    registers : (n_registers, n_sets * n_runs) array
+    registers : (n_registers, n_lanes) array
         Registers of all laws, overwritten.
-    y : (n_sets, n_runs, n, p) array
+    y : (n, p, n_lanes) array
         Channels [SI], overwritten.
+
+    See Also
+    --------
+    vlab.diagnose.predictors.modal_integration : the modal form of the step.
     """
-    h, late = clock
+    substeps, h, late = clock
     ports, coils, push, felt, direct_law, results = laws
     operations, bounds, firsts, stored, recalled = graphs
-    n_sets, n_runs, n, channels = y.shape
-    n_inputs, size = inputs.shape[4], state.shape[2]
-    m, sees, n_laws = size // 2, seen.shape[2], len(ports)
-    after, known, held = np.empty_like(seen), np.empty_like(seen), np.empty(size)
+    n, channels, lanes = y.shape
+    n_inputs, n_runs, size = inputs.shape[4], inputs.shape[3], state.shape[0]
+    m, sees, n_laws = size // 2, seen.shape[0], len(ports)
+    after, known, held = np.empty_like(seen), np.empty_like(seen), np.empty_like(state)
+    last, acting = np.zeros((n_laws, sees, lanes)), np.empty((n_inputs, lanes))
     for k in range(n):
-        for s in range(n_sets):
-            of = min(s, inputs.shape[2] - 1)
-            for r in range(n_runs):
-                for c in range(channels):
-                    total = 0.0
-                    for j in range(size):
-                        total += state[s, r, j] * rows[s, c, j]
-                    for i in range(n_inputs):
-                        total += inputs[k, 0, of, r, i] * direct[s, i, c]
-                    y[s, r, k, c] = total
         for sub in range(substeps):
-            now = min(sub, inputs.shape[1] - 1)
-            for s in range(n_sets):
-                of = min(s, inputs.shape[2] - 1)
-                for r in range(n_runs):
-                    if dense.shape[0] > 0:
-                        for j in range(m):
-                            held[j] = state[s, r, j]
-                            state[s, r, j] = 0.0
-                        for i in range(m):
-                            for j in range(m):
-                                state[s, r, j] += held[i] * dense[s, i, j]
-                    else:
-                        for j in range(m):
-                            x = state[s, r, j]
-                            state[s, r, j] = x * turn[0, s, j] - state[s, r, m + j] * turn[1, s, j]
-                            state[s, r, m + j] = x * turn[1, s, j] + state[s, r, m + j] * turn[0, s, j]
+            if sub < inputs.shape[1]:
+                for e in range(lanes):
+                    of = min(e // n_runs, inputs.shape[2] - 1)
                     for i in range(n_inputs):
-                        u = inputs[k, now, of, r, i]
-                        if u != 0.0:
-                            for j in range(size):
-                                state[s, r, j] += u * into[s, i, j]
-                    for i in range(sees):
-                        total = 0.0
-                        for j in range(size):
-                            total += state[s, r, j] * observed_rows[s, i, j]
-                        after[s, r, i] = total
-                        # a force changes little in a step, so the last value estimates the unknown one
-                        known[s, r, i] = 0.0
-                        for law in range(n_laws):
-                            known[s, r, i] += last[law, s, r, i]
+                        acting[i, e] = inputs[k, sub, of, e % n_runs, i]
+            if sub == 0:
+                for c in range(channels):
+                    for e in range(lanes):
+                        y[k, c, e] = 0.0
+                    for j in range(size):
+                        for e in range(lanes):
+                            y[k, c, e] += state[j, e] * rows[c, j, e]
+                    for i in range(n_inputs):
+                        for e in range(lanes):
+                            y[k, c, e] += acting[i, e] * direct[i, c, e]
+            if dense.shape[0] > 0:
+                for j in range(m):
+                    for e in range(lanes):
+                        held[j, e] = state[j, e]
+                        state[j, e] = 0.0
+                for i in range(m):
+                    for j in range(m):
+                        for e in range(lanes):
+                            state[j, e] += held[i, e] * dense[i, j, e]
+            else:
+                for j in range(m):
+                    for e in range(lanes):
+                        x = state[j, e]
+                        state[j, e] = x * turn[0, j, e] - state[m + j, e] * turn[1, j, e]
+                        state[m + j, e] = x * turn[1, j, e] + state[m + j, e] * turn[0, j, e]
+            for i in range(n_inputs):
+                for j in range(size):
+                    for e in range(lanes):
+                        state[j, e] += acting[i, e] * into[i, j, e]
+            if n_laws == 0:
+                continue
+            for i in range(sees):
+                for e in range(lanes):
+                    after[i, e] = 0.0
+                    known[i, e] = 0.0
+                for j in range(size):
+                    for e in range(lanes):
+                        after[i, e] += state[j, e] * observed_rows[i, j, e]
+                for law in range(n_laws):  # a force changes little in a step: the last one estimates the unknown one
+                    for e in range(lanes):
+                        known[i, e] += last[law, i, e]
             for law in range(n_laws):
                 z, v, coil = ports[law], sees // 2 + ports[law], coils[law]
                 own = registers[bounds[law, 0] : bounds[law + 1, 0]]
-                for s in range(n_sets):
-                    of = min(s, inputs.shape[2] - 1)
-                    for r in range(n_runs):
-                        e = s * n_runs + r
-                        own[AT_Z, e] = 0.5 * (seen[s, r, z] + (after[s, r, z] + known[s, r, z]))
-                        own[AT_V, e] = 0.5 * (seen[s, r, v] + (after[s, r, v] + known[s, r, v]))
-                        own[AT_T, e] = late[r] + (k * substeps + sub + 0.5) * h
-                        own[AT_FREE, e], own[AT_FIRST, e] = after[s, r, v], seen[s, r, v]
-                        own[AT_COMMAND, e] = inputs[k, 0, of, r, coil] if coil >= 0 else 0.0
+                for e in range(lanes):
+                    own[AT_Z, e] = 0.5 * (seen[z, e] + (after[z, e] + known[z, e]))
+                    own[AT_V, e] = 0.5 * (seen[v, e] + (after[v, e] + known[v, e]))
+                    own[AT_FREE, e], own[AT_FIRST, e] = after[v, e], seen[v, e]
+                for e in range(lanes):
+                    own[AT_T, e] = late[e % n_runs] + (k * substeps + sub + 0.5) * h
+                    own[AT_COMMAND, e] = (
+                        inputs[k, 0, min(e // n_runs, inputs.shape[2] - 1), e % n_runs, coil] if coil >= 0 else 0.0
+                    )
                 evaluate(operations[bounds[law, 1] : bounds[law + 1, 1]], firsts[law], own)
                 for i in range(bounds[law, 2], bounds[law + 1, 2]):
-                    for e in range(own.shape[1]):
+                    for e in range(lanes):
                         own[recalled[i], e] = own[stored[i], e]
-                for s in range(n_sets):
-                    for r in range(n_runs):
-                        force = own[results[law], s * n_runs + r]
-                        for j in range(size):
-                            state[s, r, j] += force * push[s, law, j]
-                        for i in range(sees):
-                            known[s, r, i] -= last[law, s, r, i]
-                            last[law, s, r, i] = force * felt[s, law, i]
-                            after[s, r, i] += last[law, s, r, i]
-                        if sub == 0:
-                            for c in range(channels):
-                                y[s, r, k, c] += force * direct_law[s, law, c]
-            for s in range(n_sets):
-                for r in range(n_runs):
-                    for i in range(sees):
-                        seen[s, r, i] = after[s, r, i]
-        if k % CHECKED == 0 and not np.abs(state).max() < RUNAWAY:
-            for s in range(n_sets):
-                for r in range(n_runs):
-                    for j in range(size):
-                        x = state[s, r, j]
-                        state[s, r, j] = MOST if np.isnan(x) else min(max(x, -MOST), MOST)
-            for law in range(n_laws):
-                for s in range(n_sets):
-                    for r in range(n_runs):
-                        for i in range(sees):
-                            last[law, s, r, i] = 0.0
+                force = own[results[law]]
+                for j in range(size):
+                    for e in range(lanes):
+                        state[j, e] += force[e] * push[law, j, e]
+                for i in range(sees):
+                    for e in range(lanes):
+                        known[i, e] -= last[law, i, e]
+                        last[law, i, e] = force[e] * felt[law, i, e]
+                        after[i, e] += last[law, i, e]
+                if sub == 0:
+                    for c in range(channels):
+                        for e in range(lanes):
+                            y[k, c, e] += force[e] * direct_law[law, c, e]
+            for i in range(sees):
+                for e in range(lanes):
+                    seen[i, e] = after[i, e]
+        if n_laws > 0 and k % CHECKED == 0 and not np.abs(state).max() < RUNAWAY:
+            for j in range(size):
+                for e in range(lanes):
+                    x = state[j, e]
+                    state[j, e] = MOST if np.isnan(x) else min(max(x, -MOST), MOST)
+            last[:] = 0.0
 
 
 @compiled(error_model="numpy")

@@ -8,7 +8,7 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.cases.channel_map import Run
 from vlab.cases.clock import plan_clock
-from vlab.diagnose.data.repeats import with_repeats
+from vlab.diagnose.data.repeats import repeats, with_repeats
 from vlab.diagnose.settings import RECORDED_RUNS
 from vlab.errors import BadCase
 
@@ -22,11 +22,15 @@ class HoldOut:
     runs : tuple of Run
         Recordings that can verify a finding.
     notes : tuple of str
-        Missing channels and unused data.
+        Missing channels, repeated inputs and unused data.
+    is_new : bool
+        Whether a recording has other inputs than the fitted ones. Equal inputs show the same motion with other noise, and
+        cannot refute a law with many free numbers.
     """
 
     runs: tuple[Run, ...] = ()
     notes: tuple[str, ...] = ()
+    is_new: bool = False
 
 
 def read_holdout(case: Case, names: Sequence[str], fitted: Sequence[Run] = ()) -> HoldOut:
@@ -75,9 +79,18 @@ def read_holdout(case: Case, names: Sequence[str], fitted: Sequence[Run] = ()) -
         absent = [name for name in names if name not in run.measured.names]
         if absent:
             notes.append(f"{run.name} lacks {', '.join(absent)}; it is checked on its other channels")
+    repeated = {run.name: same for run in runs if (same := next((f.name for f in fitted if repeats(run, f)), ""))}
+    notes += [
+        f"{name} repeats the inputs of {same}, which is fitted: it verifies the noise, not another motion"
+        for name, same in repeated.items()
+    ]
     if not runs:
         notes.append("no hold-out recording: nothing could be verified on data that the search did not use")
-    return HoldOut(runs=with_repeats(runs, fitted), notes=(*notes, *_unused(case)))
+    return HoldOut(
+        runs=with_repeats(runs, fitted),
+        notes=(*notes, *_unused(case)),
+        is_new=len(repeated) < len(runs),
+    )
 
 
 def moves(run: Run) -> bool:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.kernels.expression_graph import AT_MOBILITY, integrate_free, integrate_with_laws, loaded
+from vlab.diagnose.kernels.expression_graph import AT_MOBILITY, integrate_lanes, loaded
 from vlab.diagnose.settings import MODAL_INTEGRATION
 from vlab.physics.expression import ExpressionGraph
 from vlab.signals import Array
@@ -138,7 +138,7 @@ def integrate_modes(
     system : Marched
         Linear system.
     laws : sequence of LoopLaw
-        Laws.
+        Laws in the loop; none for a linear system.
     part : (n, n_sets or 1, n_runs, known) array
         Inputs held over a sample.
     given : (n, substeps, n_sets, n_runs, n_inputs - known) array
@@ -155,7 +155,7 @@ def integrate_modes(
     (n, n_sets, n_runs, p) array
         Channels.
     """
-    (n_sets, n_runs, _), n, p = starts.shape, len(part), system.channels.shape[2]
+    n_sets, n_runs, n, p = *starts.shape[:2], len(part), system.channels.shape[2]
     modes = modes_of(system.step)
 
     def to_unbounded(rows: Array) -> Array:
@@ -169,38 +169,48 @@ def integrate_modes(
     inputs = part[:, None]
     if given.shape[-1]:
         inputs = np.concatenate([np.broadcast_to(inputs, (*given.shape[:-1], inputs.shape[-1])), given], axis=-1)
-    y = np.empty((n_sets, n_runs, n, p))
-    common = (
-        np.ascontiguousarray(modes.turn),
-        modes.dense,  # C order: loops over other orders take three times as long
-        to_unbounded(system.into),
-        from_unbounded(system.channels),
-        np.ascontiguousarray(system.direct),
-        np.ascontiguousarray(inputs),
-        to_unbounded(starts),
-        given.shape[1],
-    )
-    if not laws:
-        integrate_free(*common, y)
-        return y.transpose(2, 0, 1, 3)
-    push = np.stack([law.push for law in laws], axis=1)
-    felt = np.ascontiguousarray(push @ system.seen)
+    push, direct = np.zeros((n_sets, 0, system.step.shape[1])), np.zeros((n_sets, 0, p))
+    if laws:
+        push, direct = np.stack([law.push for law in laws], axis=1), np.stack([law.direct for law in laws], axis=1)
+    felt = push @ system.seen
     graphs, registers = loaded(
         [law.graph for law in laws], [law.values for law in laws], [law.memory for law in laws], (n_sets, n_runs)
     )
     for i, law in enumerate(laws):
         registers[graphs[1][i, 0] + AT_MOBILITY] = np.repeat(felt[:, i, felt.shape[2] // 2 + law.port], n_runs)
-    acting = (
-        np.array([law.port for law in laws]),
-        np.array([-1 if law.coil is None else law.coil for law in laws]),
-        to_unbounded(push),
-        felt,
-        np.stack([law.direct for law in laws], axis=1),
-        np.array([law.graph.force for law in laws]),
-    )
-    seen = np.ascontiguousarray(starts @ system.seen)
+
+    def lanes(x: Array) -> Array:
+        """Return sets (n_sets, ...) with the lanes on the last axis."""
+        return np.ascontiguousarray(np.repeat(np.moveaxis(x, 0, -1), n_runs, axis=-1))
+
+    def runs(x: Array) -> Array:
+        """Return states (n_sets, n_runs, width) with the lanes on the last axis."""
+        return np.ascontiguousarray(x.reshape(n_sets * n_runs, -1).T)
+
     observed_rows = from_unbounded(np.broadcast_to(system.seen, (n_sets, *system.seen.shape)))
-    last = np.zeros((len(laws), *seen.shape))
-    clock = (h, np.ascontiguousarray(late, dtype=float))
-    integrate_with_laws(*common, observed_rows, seen, last, clock, acting, graphs, registers, y)
-    return y.transpose(2, 0, 1, 3)
+    acting = (
+        np.array([law.port for law in laws], dtype=np.int64),
+        np.array([-1 if law.coil is None else law.coil for law in laws], dtype=np.int64),
+        lanes(to_unbounded(push)),
+        lanes(felt),
+        lanes(direct),
+        np.array([law.graph.force for law in laws], dtype=np.int64),
+    )
+    y = np.empty((n, p, n_sets * n_runs))
+    integrate_lanes(
+        lanes(np.moveaxis(modes.turn, 1, 0)),
+        lanes(modes.dense) if modes.dense.size else np.zeros((0, 0, n_sets * n_runs)),
+        lanes(to_unbounded(system.into)),
+        lanes(from_unbounded(system.channels)),
+        lanes(system.direct),
+        np.ascontiguousarray(inputs),
+        runs(to_unbounded(starts)),
+        lanes(observed_rows),
+        runs(starts @ system.seen),
+        (given.shape[1], h, np.ascontiguousarray(late, dtype=float)),
+        acting,
+        graphs,
+        registers,
+        y,
+    )
+    return y.reshape(n, p, n_sets, n_runs).transpose(0, 2, 3, 1)

@@ -1,7 +1,7 @@
 """Trials of extended models on hold-out recordings."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 
 from vlab.cases.channel_map import Run
@@ -13,7 +13,7 @@ from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.ablation import ablate
 from vlab.diagnose.settings import ATTEMPT
-from vlab.diagnose.validation.simulation import ExtendedModel, check, extended
+from vlab.diagnose.validation.simulation import ExtendedModel, SimulationCache, check, extended
 from vlab.diagnose.verdict import explains_part
 from vlab.physics.effect import Effect
 
@@ -33,7 +33,9 @@ class Trials:
     before, nominal : ExtendedModel
         Calibrated and nominal model.
     change : callable or None
-        Change of every model, such as finer steps.
+        Change of every extended model, such as finer steps.
+    cache : dict
+        Simulations of the calibrated and the nominal model.
     """
 
     problem: Problem
@@ -42,6 +44,11 @@ class Trials:
     before: ExtendedModel
     nominal: ExtendedModel
     change: Callable[[ExtendedModel], ExtendedModel] | None = None
+    cache: SimulationCache = field(default_factory=dict)
+
+    def with_change(self, change: Callable[[ExtendedModel], ExtendedModel]) -> "Trials":
+        """Return the trials with all models changed."""
+        return replace(self, before=change(self.before), nominal=change(self.nominal), change=change)
 
     def of(self, fit: Fit, terms: Sequence[Finding]) -> Attempt:
         """Return the errors of a fit and the data findings.
@@ -63,12 +70,13 @@ class Trials:
         after = change(seen.on(extended(problem, fit))) if findings else None
         checked = check(
             self.runs,
-            change(self.before),
+            self.before,
             after,
             seen.benign_interferences,
-            nominal=change(self.nominal),
+            nominal=self.nominal,
             ablations=ablate(problem, fit, seen, findings).changed(change),
             horizon_s=problem.horizon_s,
+            cache=self.cache,
         )
         return Attempt(findings=findings, fit=fit, checked=tuple(checked))
 

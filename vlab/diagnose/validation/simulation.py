@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -115,6 +115,12 @@ class ExtendedModel:
                 yield recording.index(name), gain, offset, about
 
 
+SimulationKey: TypeAlias = tuple[ExtendedModel | None, Run, int]
+"""Model, recording and its number of parts."""
+SimulationCache: TypeAlias = dict[SimulationKey, Recording | None]
+"""Simulation of each key; None without a model, or after divergence."""
+
+
 def extended(problem: Problem, fit: Fit, without: Collection[str] = ()) -> ExtendedModel:
     """Return a problem's plant extended by a fit.
 
@@ -223,6 +229,7 @@ def check(
     nominal: ExtendedModel | None = None,
     ablations: Ablations | None = None,
     horizon_s: float = np.inf,
+    cache: SimulationCache | None = None,
 ) -> list[Checked]:
     """Simulate runs with all models and compare.
 
@@ -242,20 +249,25 @@ def check(
         Models without single findings.
     horizon_s : float
         Longest part that is predicted from one state [s].
+    cache : dict, optional
+        Known simulations of the nominal and the calibrated model; missing ones are added.
 
     Returns
     -------
     list of Checked
         Errors of every recording.
     """
-    ablations = ablations or Ablations()
+    ablations, cache = ablations or Ablations(), {} if cache is None else cache
     models = [nominal, before, after, *ablations.models]
     counts = [parts_within(run, horizon_s) for run in runs]
     pending = list(range(len(runs)))
     found: dict[int, Checked] = {}
     while pending:
-        simulated = _simulated(models, [parts_of(runs[i], counts[i]) for i in pending])
-        for i, own in zip(pending, simulated, strict=True):
+        cut = [(runs[i], counts[i]) for i in pending]
+        new = _simulated([(model, *own) for own in cut for model in models if (model, *own) not in cache])
+        cache |= {key: data for key, data in new.items() if key[0] in (nominal, before)}
+        for i in pending:
+            own = [(new if (key := (model, runs[i], counts[i])) in new else cache)[key] for model in models]
             length = length_of_parts(runs[i], counts[i])
             found[i] = _checked(runs[i], models, own, interferences, ablations.names, length)
         pending = [i for i in pending if can_be_halved(runs[i], counts[i]) and not _is_predicted(found[i])]
@@ -268,36 +280,29 @@ def _is_predicted(checked: Checked) -> bool:
     return is_predicted([checked.nominal, checked.calibrated, checked.after], checked.noise)
 
 
-def _simulated(models: Sequence[ExtendedModel | None], runs: Sequence[Sequence[Run]]) -> list[list[Recording | None]]:
-    """Simulate runs, in parts, with all models.
+def _simulated(keys: Sequence[SimulationKey]) -> SimulationCache:
+    """Simulate runs, in parts, with their models.
 
     Parameters
     ----------
-    models : sequence of ExtendedModel or None
-        Models.
-    runs : sequence of sequence of Run
-        Parts of every run.
+    keys : sequence of (ExtendedModel or None, Run, int)
+        Models, recordings and numbers of parts.
 
     Returns
     -------
-    list of list of Recording or None
-        Simulation by run and model; None without a model, or where a part diverges.
+    dict
+        Simulation of each key; None without a model, or where a part diverges.
     """
-    work = [(model, part) for parts in runs for model in models for part in parts]
-    data = iter(side_by_side(lambda item: _try(*item), work))
-    out: list[list[Recording | None]] = []
-    for parts in runs:
-        whole = parts[0].measured
-        if len(parts) > 1:
-            whole = strung_together([part.measured for part in parts])
-        own: list[Recording | None] = []
-        for _ in models:
-            found = [next(data) for _ in parts]
-            pieces = [d for d in found if d is not None]
-            is_whole = len(pieces) == len(parts)
-            meta = {"simulated": parts[0].name}
-            own.append(replace(whole, data=np.concatenate(pieces), meta=meta) if is_whole else None)
-        out.append(own)
+    parts = {key: parts_of(key[1], key[2]) for key in keys}
+    data = iter(side_by_side(lambda item: _try(*item), [(key[0], part) for key in parts for part in parts[key]]))
+    out: SimulationCache = {}
+    for key, own in parts.items():
+        found = [next(data) for _ in own]
+        pieces = [d for d in found if d is not None]
+        whole = own[0].measured if len(own) == 1 else strung_together([part.measured for part in own])
+        is_whole = len(pieces) == len(own)
+        meta = {"simulated": own[0].name}
+        out[key] = replace(whole, data=np.concatenate(pieces), meta=meta) if is_whole else None
     return out
 
 
