@@ -470,8 +470,8 @@ def _residual(problem: StartProblem, x: Array, offset: Array) -> Array:
 def _refine(problem: StartProblem, x: Array, left: Array, offset: Array) -> tuple[Array, Array]:
     """Improve the linear estimate by Gauss-Newton iterations.
 
-    Broyden's rank-one update keeps the Jacobian, since a new one takes a simulation per state. A step that gains nothing
-    on an updated Jacobian asks for a new one. A failed iteration keeps the preceding estimate.
+    Broyden's rank-one update keeps the Jacobian, since a new one takes a simulation per state. After a step without
+    gain on an updated Jacobian, a new Jacobian is computed. A failed iteration keeps the preceding estimate.
     """
     try:
         slopes, is_new = _slopes(problem, x, left, offset), True

@@ -125,7 +125,18 @@ def _power(run: Run, channel: str, one: Recording, other: Recording) -> Array | 
 
 
 def repeats(one: Run, other: Run) -> bool:
-    """Return whether two open-loop runs have equal inputs, sample by sample."""
+    """Return whether two open-loop runs have equal inputs, sample by sample.
+
+    Parameters
+    ----------
+    one, other : Run
+        Recordings.
+
+    Returns
+    -------
+    bool
+        False with a law in the loop, or without inputs.
+    """
     a, b = one.measured, other.measured
     names = [d.channel for d in one.drives]
     if not names or one.law is not None or other.law is not None or not (a.is_uniform and b.is_uniform):
