@@ -167,7 +167,7 @@ def test_a_loop_that_runs_away_by_negative_damping_is_said(tmp_path):
 
 
 def test_equality_constraints_are_refused_in_one_line(tmp_path):
-    tie = '</tendon><equality><joint name="gear" joint1="a" joint2="b"/></equality>'
+    tie = '</tendon><equality><joint name="gear" joint1="a" joint2="b" polycoef="0 1 9 0 0"/></equality>'
     case = write(tmp_path, [FIT], rig=RIG.replace("</tendon>", tie))
     with pytest.raises(BadStructure, match="'gear' ties coordinates together"):
         linearise(case.plant.model)

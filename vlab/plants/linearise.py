@@ -95,8 +95,8 @@ def check_free(model: Any) -> None:
     if active.size:
         name = model.equality(int(active[0])).name or f"number {active[0]}"
         raise BadStructure(
-            f"the equality constraint {name!r} ties coordinates together, which has no linearisation here; "
-            "tie them by a tendon of high stiffness or by one joint for both"
+            f"the equality constraint {name!r} ties coordinates together, which has no linearisation here; accepted: "
+            "joint equalities with a linear polynomial; tie them by one, or by a tendon of high stiffness"
         )
 
 

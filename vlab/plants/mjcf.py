@@ -20,6 +20,7 @@ from vlab.files.text import one_line
 from vlab.plants.base import ActuatorTap, Plant, Port, SensorTap
 from vlab.plants.computable import check_numbers
 from vlab.plants.equilibrium import settle
+from vlab.plants.joint_coupling import couple_by_tendons
 from vlab.plants.linearise import linearise
 from vlab.plants.mjcf_guard import check_file, check_text
 from vlab.signals import Array
@@ -146,6 +147,7 @@ def build_mjcf_spec(spec: Any, label: str) -> MjcfPlant:
     step = spec.option.timestep
     if not (np.isfinite(step) and 0 < step <= 1):
         raise BadStructure(f"{label}: the timestep is {step} s; accepted: above 0 up to 1 s")
+    coupled = _compiled(lambda: couple_by_tendons(spec), label)
     model = _compiled(spec.compile, label)
     _check_finite(model, label)
     if model.nv == 0:
@@ -172,7 +174,7 @@ def build_mjcf_spec(spec: Any, label: str) -> MjcfPlant:
         sensors=tuple(sensors),
         ports=_ports(model),
         rest=rest,
-        notes=(*notes, *unread),
+        notes=(*coupled, *notes, *unread),
     )
 
 

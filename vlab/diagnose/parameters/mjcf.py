@@ -384,7 +384,9 @@ def _elements(model: Any, kind: str) -> dict[str, tuple[Number, ...]]:
         if kind == "damping" and any(model.dof_damping[d] or np.any(model.dof_dampingpoly[d]) for d in dofs):
             out[name] = tuple((field, d) for d in dofs for field in ("dof_damping", "dof_dampingpoly"))
     for i in range(model.ntendon):
-        name = f"tendon:{model.tendon(i).name or i}"
+        if not model.tendon(i).name:  # such as a coupling of joints, see `vlab.plants.joint_coupling`
+            continue
+        name = f"tendon:{model.tendon(i).name}"
         array, poly = f"tendon_{kind}", f"tendon_{kind}poly"
         if kind == "armature" and model.tendon_armature[i]:
             out[name] = ((array, i),)
