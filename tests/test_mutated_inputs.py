@@ -350,6 +350,7 @@ def wrong(tmp, kind, numbers):
     return found, used
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_mutated_file_is_used_or_refused(tmp_path, kind):
     found, _ = wrong(tmp_path, kind, range(FEW if kind in SLOW_KINDS else QUICK))

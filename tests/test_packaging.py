@@ -21,6 +21,7 @@ def python(folder: Path, *words: str, path: Path = ROOT) -> "subprocess.Complete
     return subprocess.run([sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True)
 
 
+@pytest.mark.slow
 def test_a_foreign_package_of_controllers_is_not_in_the_way(tmp_path):
     foreign = tmp_path / "controllers"
     foreign.mkdir()
@@ -35,6 +36,7 @@ def test_a_foreign_package_of_controllers_is_not_in_the_way(tmp_path):
     assert "foreign" in python(tmp_path, "my.py").stdout
 
 
+@pytest.mark.slow
 def test_vlab_is_not_in_the_way_of_a_foreign_folder_of_controllers(tmp_path):
     """Nor of one without ``__init__.py``, which any package of that name on the path would hide."""
     (tmp_path / "controllers").mkdir()

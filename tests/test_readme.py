@@ -147,6 +147,7 @@ def test_a_quick_line_runs_as_printed(capsys, monkeypatch, tmp_path, page, words
     assert (status, bool(out)) == (0, True), err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", WITH_PYTHON, ids=named)
 def test_the_python_lines_run_as_printed(capsys, page):
     for kind, title, code in page.blocks:

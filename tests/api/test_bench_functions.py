@@ -46,6 +46,7 @@ def test_a_modal_test_is_the_one_of_the_command(capsys):
     assert len(repr(found).splitlines()) == 1 + found.poles.freq.size
 
 
+@pytest.mark.slow
 def test_a_design_is_the_one_of_the_command(capsys, tmp_path):
     made = vlab.design("beam", "lqr")
     status, out, err = run(capsys, "design", "beam", "--law", "lqr", "--json")

@@ -67,6 +67,7 @@ def test_a_notebook_shows_a_table_and_no_markup_of_the_title(result):
     assert "<script" not in shown
 
 
+@pytest.mark.slow
 def test_the_dictionary_is_the_file(result, tmp_path):
     folder = result.save(tmp_path / "out")
     written = json.loads((folder / "diagnosis.json").read_text())
@@ -82,6 +83,7 @@ def test_the_dictionary_is_the_file(result, tmp_path):
         result.save(folder)
 
 
+@pytest.mark.slow
 def test_figures_and_report(result, tmp_path):
     assert isinstance(result.plot(), Figure)
     assert isinstance(result.plot("force"), Figure)
@@ -93,6 +95,7 @@ def test_figures_and_report(result, tmp_path):
         result.report(tmp_path / "report")
 
 
+@pytest.mark.slow
 def test_a_rejected_case_says_why(rejected, tmp_path):
     assert rejected.verdict == "bad-recording"
     assert rejected.findings == ()

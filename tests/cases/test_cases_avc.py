@@ -97,6 +97,7 @@ def test_the_free_decay_case_runs_and_drifts_in_phase_only(rig):
     assert len(document["runs"][0]["overlay"][0]["time_s"]) == len(run.measured)
 
 
+@pytest.mark.slow
 def test_the_amplifiers_limit_is_most_of_the_closed_loop_misfit(tmp_path):
     case = asset("cases/avc_cantilever/closed_loop_identified_observer.toml")
     for name in ("rig.xml", "experiment.mat"):

@@ -38,6 +38,7 @@ def test_every_case_loads_and_its_recordings_fit_the_model(case):
 # ---- positioning system ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_positioning_system_drifts_away_from_its_nominal_model():
     comparison = compare_case(folder("emps"))
     first, pulses = (run.misfits[0] for run in comparison.runs)
@@ -76,6 +77,7 @@ def test_dry_friction_and_an_offset_are_what_the_positioning_system_lacks():
 # ---- silverbox ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_silverbox_leaves_its_nominal_model_with_the_level():
     nrmse = compare_case(folder("silverbox")).nrmse
     # The same equation by a fixed-step fourth-order method on the mean of 27 periods, without MuJoCo, leaves .1153, .6755
@@ -163,6 +165,7 @@ def test_the_swansea_frame_has_the_frequencies_of_its_readme():
 # ---- cantilever -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_laser_stops_where_the_other_sensors_go_on():
     comparison = compare_case(folder("avc_cantilever/capacitive.toml"))
     run = next(r for r in comparison.runs if r.run.name == "release 3")

@@ -198,6 +198,7 @@ def test_a_force_on_a_port_acts_as_an_actuator_there_would(tmp_path):
         np.testing.assert_allclose(other, given[0], atol=1e-12)  # the same force by another way: rounding
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("held", [False, True])
 def test_an_acceleration_holds_the_force_on_a_port_that_acts_at_its_sample(tmp_path, held):
     t = np.arange(300) / 100
@@ -243,6 +244,7 @@ def test_without_a_linearisation_the_initial_state_must_be_said(tmp_path):
         compare_case(folder)
 
 
+@pytest.mark.slow
 def test_a_measured_joint_says_the_start_without_a_linearisation(tmp_path):
     time = np.arange(100) / 100
     body = "rate_hz = 100.0\n" + channel("x", "encoder", "displacement", "m")

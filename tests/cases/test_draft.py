@@ -125,6 +125,7 @@ def test_joints_numbered_from_one_are_told_from_joints_numbered_from_zero():
     assert numbered_from(["position[1]"], 3) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [0, 1])
 def test_numbers_follow_the_order_of_the_joints(tmp_path, first):
     (tmp_path / "arm.xml").write_text(ARM)
@@ -150,6 +151,7 @@ def test_generic_words_of_a_joint_may_be_missing_in_a_column(tmp_path, name):
     assert by_column(draft)["action.shoulder_pan.pos"][0] == "pan_servo"
 
 
+@pytest.mark.slow
 def test_of_two_positions_the_earlier_is_the_command(tmp_path):
     (tmp_path / "arm.xml").write_text(ARM)
     time, one, other = swinging()

@@ -128,6 +128,7 @@ def test_exchanged_outputs_are_named(tmp_path, masses):
     assert 'at = "d2" in [[recording.channel]] with column = "one"' in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("samples", "how"), [(6, "30 ms late"), (-6, "30 ms early")])
 def test_an_output_that_is_late_or_early_is_noted(tmp_path, masses, samples, how):
     wrong = changed(masses, lambda run: {"two": np.roll(run["two"], samples)})
@@ -136,6 +137,7 @@ def test_an_output_that_is_late_or_early_is_noted(tmp_path, masses, samples, how
     assert f"d2 is {how}" in text
 
 
+@pytest.mark.slow
 def test_the_effect_that_is_offered_for_a_late_output_mends_the_case(tmp_path, masses):
     wrong = changed(masses, lambda run: {"two": np.roll(run["two"], 6)})
     ((_, text),) = found(masses_case(tmp_path, wrong))
@@ -218,6 +220,7 @@ def test_missing_physics_is_no_slip(tmp_path, thing):
     assert found(masses_case(tmp_path, recorded_masses(thing))) == []
 
 
+@pytest.mark.slow
 def test_much_noise_is_no_slip(tmp_path):
     assert found(masses_case(tmp_path, recorded_masses(noise=0.5))) == []
 
@@ -282,6 +285,7 @@ def test_a_comparison_says_sizes_and_correlations_and_what_is_wrong(tmp_path, ma
     assert compared.to_json()["remarks"] == list(compared.remarks)
 
 
+@pytest.mark.slow
 def test_a_comparison_says_which_channels_stand_still(tmp_path, masses):
     compared = compare_case(
         masses_case(tmp_path, changed(masses, lambda run: {"two": np.full(len(run["two"]), 1e-3)})).path

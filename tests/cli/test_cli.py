@@ -402,6 +402,7 @@ def test_demo_tells_the_whole_story(capsys, tmp_path):
     assert (tmp_path / "demo" / "diagnosis" / "report.html").exists()
 
 
+@pytest.mark.slow
 def test_shipped_case_is_compared(capsys):
     status, out, _ = run(capsys, "compare", str(asset("cases/avc_cantilever/free_decay.toml")), "--json")
     document = json.loads(out)

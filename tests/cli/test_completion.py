@@ -21,6 +21,7 @@ def completed(line: str, folder: Path) -> list[str]:
     return [word.strip() for word in answer.read_text().split("\n") if word.strip()]
 
 
+@pytest.mark.slow
 def test_commands_options_and_names_are_completed(tmp_path):
     pytest.importorskip("argcomplete", reason="argcomplete is not installed (pip install 'vlab-vibration[test]')")
     assert completed("vlab diag", tmp_path) == ["diagnose"]

@@ -86,6 +86,7 @@ def test_out_holds_the_design_its_figures_and_the_law(folders):
     np.testing.assert_array_equal(law.matrices[3], -np.array(document["gains"]["D"]))
 
 
+@pytest.mark.slow
 def test_the_written_law_runs_in_an_experiment(capsys, folders, tmp_path):
     words = ["--plant", "modal", "--seconds", "2", "--period", "1", "--band", "1", "30", "--rate", "1000"]
     file = str(folders["lqg"] / "controller.toml")
@@ -107,6 +108,7 @@ def test_laws_by_name_are_the_printed_ones_where_there_are_any(beam):
     assert named_law(beam, "lqg", rate=500.0).rate == 500.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -137,6 +139,7 @@ def test_bad_input_is_refused_in_one_line(capsys, words, said):
     assert said in err
 
 
+@pytest.mark.slow
 def test_an_experiment_designs_its_law_on_the_model_that_is_named(capsys, tmp_path):
     quick = [
         "experiment",
@@ -179,6 +182,7 @@ def test_an_experiment_refuses_a_model_without_use(capsys, tmp_path, words, said
     assert said in err
 
 
+@pytest.mark.slow
 def test_robustness_and_array_are_reported_and_drawn(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(design_view, "to_png", lambda figure: b"")  # the same figures once more
     words = ("design", "beam", "--law", "lqg", "--robustness", "--array", "--out", str(tmp_path / "lqg"))
@@ -210,6 +214,7 @@ def test_on_the_grid_mode_12_is_not_the_twelfth_that_is_modelled(capsys):
     assert len(set(modelled)) == 12
 
 
+@pytest.mark.slow
 def test_lqg_with_the_delay_in_it_bears_more_delay(capsys, folders, fe, laboratory, tmp_path):
     words = ("design", "beam", "--law", "lqg", "--with-delay", "--out", str(tmp_path / "late"))
     status, out, _ = run(capsys, *words)
@@ -222,6 +227,7 @@ def test_lqg_with_the_delay_in_it_bears_more_delay(capsys, folders, fe, laborato
     assert late > 2 * early
 
 
+@pytest.mark.slow
 def test_a_given_law_is_drawn(capsys, folders, tmp_path):
     file = str(folders["lqg"] / "controller.toml")
     status, out, _ = run(capsys, "design", "beam", "--law", file, "--array", "--out", str(tmp_path / "out"), "--json")

@@ -84,6 +84,7 @@ def test_a_table_keeps_every_row_on_its_line():
     assert len(text.split("\n")) == 4
 
 
+@pytest.mark.slow
 def test_a_page_escapes_what_data_say(case, capsys, tmp_path):
     assert run(capsys, "compare", str(case), "--out", str(tmp_path / "out"))[0] == 0
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
@@ -92,6 +93,7 @@ def test_a_page_escapes_what_data_say(case, capsys, tmp_path):
     assert "\x1b" not in page
 
 
+@pytest.mark.slow
 def test_modules_of_the_current_folder_are_not_run(tmp_path):
     """Neither by `python -m vlab` nor by the processes that it starts."""
     for name in ("numpy.py", "rerun.py", "mujoco.py", "joblib.py", "tqdm.py", "sitecustomize.py"):
@@ -104,6 +106,7 @@ def test_modules_of_the_current_folder_are_not_run(tmp_path):
     assert (done.returncode, (tmp_path / "pwned.txt").exists()) == (0, False), done.stderr
 
 
+@pytest.mark.slow
 def test_the_viewer_is_not_looked_for_in_the_current_folder(tmp_path, monkeypatch):
     (tmp_path / "rerun.py").write_text(f"open({str(tmp_path / 'pwned.txt')!r}, 'w').write('x')")
     monkeypatch.chdir(tmp_path)

@@ -65,6 +65,7 @@ def test_debug_shows_the_traceback_of_every_verb(capsys, monkeypatch):
     assert "Traceback" in err
 
 
+@pytest.mark.slow
 def test_what_the_system_refuses_is_no_fault_of_vlab():
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
@@ -75,6 +76,7 @@ def test_what_the_system_refuses_is_no_fault_of_vlab():
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_what_a_terminal_has_no_signs_for_is_written_as_escapes():
     environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
     done = subprocess.run(

@@ -61,6 +61,7 @@ def sealed_off(tmp_path):
 NOWHERE = {"HOME": "/dev/null", "PYTHONDONTWRITEBYTECODE": "1"}
 
 
+@pytest.mark.slow
 def test_neither_the_installation_nor_the_home_need_be_writable(sealed_off, tmp_path):
     (tmp_path / "temporary").mkdir()
     where = used(sealed_off, **NOWHERE, TMPDIR=str(tmp_path / "temporary"))
@@ -70,6 +71,7 @@ def test_neither_the_installation_nor_the_home_need_be_writable(sealed_off, tmp_
     assert folder.stat().st_mode & 0o077 == 0
 
 
+@pytest.mark.slow
 def test_nothing_at_all_need_be_writable(sealed_off):
     assert (
         used(sealed_off, "import vlab.diagnose.kernels.compilation as c; c._temporary = lambda: iter(())", **NOWHERE)

@@ -106,6 +106,7 @@ def test_a_law_that_mujoco_confirms_is_settled_as_it_was_found(rig, confirmation
     assert run.after < 0.3 * run.before  # MuJoCo's own run of it, beside that of the refitted model
 
 
+@pytest.mark.slow
 def test_a_law_that_only_the_search_believes_gives_way_to_the_next(rig, confirmation, fitted):
     """The same law at the wrong spring leaves most of the gap in MuJoCo."""
     problem = rig[0]
@@ -116,6 +117,7 @@ def test_a_law_that_only_the_search_believes_gives_way_to_the_next(rig, confirma
     assert done.rejected == (f"{wrong.label}: its law fits in the reduced model, but not in MuJoCo; dropped",)
 
 
+@pytest.mark.slow
 def test_where_mujoco_confirms_none_the_first_is_reported_and_not_among_the_dropped(rig, confirmation, fitted):
     problem = rig[0]
     first, second = (

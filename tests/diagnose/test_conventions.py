@@ -176,6 +176,7 @@ def test_a_screening_takes_the_inputs_as_they_acted(written, truth, found):
     assert done.problem.timing == "".join(lines)
 
 
+@pytest.mark.slow
 def test_a_screening_takes_positions_as_the_steps_left_them(written):
     """Half a step ahead of the velocities, which a loop of semi-implicit steps writes."""
     model = MODEL.replace('timestep="0.0005"', f'timestep="{STEP}"')

@@ -62,6 +62,7 @@ def test_windows_remember_the_motion_before_them(worn, monkeypatch):
     assert np.median(remembered) < 0.5 * np.median(forgotten)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["gain:shaft_servo", "velocity-gain:shaft_servo", "armature", "damping"])
 def test_a_train_takes_part_in_the_calibration_of_its_servo(worn, name):
     # the same plant, once as a change of the nominal model and once linearised anew

@@ -34,6 +34,7 @@ def test_a_fit_that_mujoco_confirms_is_left_as_it_is(fitted):
     assert final_fit(problem, refiner, fit) is fit
 
 
+@pytest.mark.slow
 def test_a_law_that_mujoco_does_not_confirm_is_fitted_there(fitted):
     problem, refiner, fit, truth = fitted
     (term,) = fit.terms

@@ -17,6 +17,7 @@ from vlab.diagnose.search.permanent_change import find_permanent_changes
 from vlab.physics.catalogue import EFFECTS
 
 
+@pytest.mark.slow
 def test_a_gap_with_a_part_of_the_spring_is_fitted_on_from_the_whole_spring(tmp_path, monkeypatch):
     """Where the gap is a small part of the motion, a recording knows the force that is missing beyond it, stiffness times gap."""
     monkeypatch.setattr(rig_oscillator, "SECONDS", 2.0)
@@ -38,6 +39,7 @@ def test_a_gap_with_a_part_of_the_spring_is_fitted_on_from_the_whole_spring(tmp_
     assert found.normalised_residual < 0.5 * scored_by(whole, plain).normalised_residual
 
 
+@pytest.mark.slow
 def test_an_event_that_windows_do_not_show_is_sought_in_whole_runs(tmp_path, monkeypatch):
     """Whichever values the screening has for it: a set is there in all that follows, and windows begin after it."""
     monkeypatch.setattr(rig_oscillator, "SECONDS", 2.0)

@@ -27,6 +27,9 @@ from vlab.files.assets import asset
 from vlab.physics.catalogue import EFFECTS
 from vlab.views.reports.diagnosis import write_diagnosis
 
+pytestmark = pytest.mark.slow
+"""The module's recordings are made, or diagnosed, once for all its tests, which takes most of a minute."""
+
 FEW = [EFFECTS[n] for n in ("added-mass", "lost-stiffness", "viscous-damping", "sensor-gain", "coulomb-friction")]
 FRACTIONAL = Hidden(effect="fractional", place="", values={"strength": 60.0})
 
@@ -188,7 +191,6 @@ def test_responses_at_several_levels_tell_what_goes_with_the_amplitude(tmp_path)
 # ---- minutes --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", list(CHAIN_EFFECTS))
 def test_hidden_effects_are_named_among_the_whole_catalogue(tmp_path, name):
     hidden = CHAIN_EFFECTS[name]
@@ -203,7 +205,6 @@ def test_hidden_effects_are_named_among_the_whole_catalogue(tmp_path, name):
     assert diagnosis.heldout["gap_closed"] > 0.8
 
 
-@pytest.mark.slow
 def test_what_is_not_in_the_catalogue_is_none_of_these(tmp_path):
     write_chain(tmp_path, FRACTIONAL)
     diagnosis = diagnose(load_case(tmp_path)).diagnosis
@@ -214,7 +215,6 @@ def test_what_is_not_in_the_catalogue_is_none_of_these(tmp_path):
     assert document["heldout"]["nrmse_after"] == document["heldout"]["nrmse_before"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", list(BEAM_EFFECTS))
 def test_hidden_effects_of_the_beam_are_found_in_its_mobilities(tmp_path, name):
     hidden = BEAM_EFFECTS[name]
@@ -228,7 +228,6 @@ def test_hidden_effects_of_the_beam_are_found_in_its_mobilities(tmp_path, name):
     assert hidden.place in finding.places_90
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("file", ["southampton.toml", "modal.toml"])
 def test_responses_and_modes_of_the_three_storey_frame_agree(tmp_path, file):
     # No answer key. With the parts as alike as the case's kinds of parameters say, both roads lead to the same answer:
@@ -247,7 +246,6 @@ def test_responses_and_modes_of_the_three_storey_frame_agree(tmp_path, file):
     assert 0.6 < finding.parameters["mass"]["value"] < 1.1
 
 
-@pytest.mark.slow
 def test_the_dissertations_tables():
     # Table 3: the text blames the small wires of the actuators for part of what modes 1 and 2 are off; they are at joints 1, 2, 4, 5, 8
     grid = diagnose(load_case(asset("cases/dissertation/grid_table3.toml"))).diagnosis

@@ -257,6 +257,7 @@ def chaotic(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_chaotic_recording_is_predicted_over_its_horizon(chaotic):
     case = load_case(chaotic)
     model = ExtendedModel(plant=case.plant)

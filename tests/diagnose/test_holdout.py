@@ -41,6 +41,7 @@ ALL = ("drive", "x", "v")
 FIT = ("fit", ALL, (SWEEP, 0.01 * SWEEP, 0.1 * SWEEP))
 
 
+@pytest.mark.slow
 def test_a_hold_out_may_lack_a_channel_or_stand_still(tmp_path):
     quiet = ("holdout", ALL, (0 * TIME, 0 * TIME, 0 * TIME))
     case = write(tmp_path, [FIT, ("holdout", ("drive", "x"), (SWEEP, 0.01 * SWEEP)), quiet])

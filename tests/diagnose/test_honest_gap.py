@@ -71,6 +71,7 @@ def with_stop(model, rig):
     return ExtendedModel(plant=attach(model.plant, [one], channels=[]))
 
 
+@pytest.mark.slow
 def test_where_a_refit_spoils_a_recording_the_model_as_given_stands_there(quiet):
     rig, nominal, runs = quiet
     worse = with_stop(nominal, replace(rig, parameters={"stiffness": STOP, "gap": 0.002}))  # a refit that went wrong
@@ -116,6 +117,7 @@ def test_that_a_refit_spoils_recordings_is_said_once():
 # ---- what a finding does in a recording -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_stop_that_is_not_reached_does_nothing_and_one_that_is_does(quiet):
     rig, nominal, runs = quiet
     ablations = Ablations(names=("stop",), models=(nominal,))
@@ -346,6 +348,7 @@ def test_a_plainer_law_has_some_of_the_parameters_in_the_same_units():
 # ---- the whole way --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_stop_that_the_hold_out_does_not_reach_is_named_from_the_fit_alone(quiet):
     rig, _, _ = quiet
     found = diagnose(load_case(rig.folder), effects=[EFFECTS[n] for n in ("one-sided-stiffness", "added-mass")])

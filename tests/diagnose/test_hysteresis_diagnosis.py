@@ -23,6 +23,7 @@ def test_many_plays_of_the_rig_are_the_law_of_the_catalogue():
     assert np.std(own - other) < 0.02 * np.std(other - u)  # ten operators in place of three hundred
 
 
+@pytest.mark.slow
 def test_a_joint_of_many_sliders_rings_down_as_in_mujoco(tmp_path):
     """The blow from rest of the rig's own integrator, and of MuJoCo with the catalogue's law."""
     rig = slipping_case(tmp_path)

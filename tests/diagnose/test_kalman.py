@@ -119,6 +119,7 @@ def correlations(folder):
     return np.abs(own) * np.sqrt(len(e)), e.var(axis=0)
 
 
+@pytest.mark.slow
 def test_innovations_are_white_where_nothing_is_missing_and_are_not_where_something_is(tmp_path, monkeypatch):
     monkeypatch.setattr(rig_oscillator, "SECONDS", 3.0)
     oscillator_case(tmp_path / "null", benign=0.0)

@@ -67,6 +67,7 @@ def searched(case):
     return model_class, model_class.search(effects, lambda share, what: None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("torque", [FAR, NEAR])
 @pytest.mark.parametrize(("hold", "initial"), [("", "rest"), ("zero", "auto")])
 def test_what_nothing_explains_is_read_in_the_ways_that_its_case_leaves_open(tmp_path, torque, hold, initial):
@@ -80,6 +81,7 @@ def test_what_nothing_explains_is_read_in_the_ways_that_its_case_leaves_open(tmp
     assert model_class.whole_runs_of(other.of(model_class.problem.case), found.whole.model_error) is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("torque", [FAR, NEAR])
 def test_fits_of_whole_runs_offer_what_a_refiner_does(tmp_path, torque):
     case = pendulum(tmp_path, torque, hold="zero", initial="rest")
@@ -91,6 +93,7 @@ def test_fits_of_whole_runs_offer_what_a_refiner_does(tmp_path, torque):
     assert whole.model_error == model_class.problem.model_error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("torque", [FAR, NEAR])
 def test_a_fit_of_recordings_that_tell_nothing_of_the_model_ends(tmp_path, torque):
     case = pendulum(tmp_path, torque, hold="zero", initial="rest")

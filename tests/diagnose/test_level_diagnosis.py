@@ -19,6 +19,7 @@ MORE = [
 ]
 
 
+@pytest.mark.slow
 def test_dry_friction_is_named_placed_sized_and_verified_from_levels(tmp_path):
     write_levels(tmp_path / "case", LAWS["coulomb"])
     done = diagnose(load_case(tmp_path / "case"), effects=FEW)
@@ -36,6 +37,7 @@ def test_dry_friction_is_named_placed_sized_and_verified_from_levels(tmp_path):
     assert again == pytest.approx(diagnosis.heldout["nrmse_after"], rel=1e-2)
 
 
+@pytest.mark.slow
 def test_a_linear_system_at_several_levels_gives_no_alarm(tmp_path):
     write_levels(tmp_path, LAWS["none"], seed=1)
     diagnosis = diagnose(load_case(tmp_path), effects=FEW).diagnosis
@@ -44,6 +46,7 @@ def test_a_linear_system_at_several_levels_gives_no_alarm(tmp_path):
     assert any("nothing depends on the amplitude" in note for note in diagnosis.notes)
 
 
+@pytest.mark.slow
 def test_without_levels_nonlinear_effects_are_not_tried_and_the_report_says_so(tmp_path):
     write_levels(tmp_path, LAWS["none"], seed=2)
     path = tmp_path / "case.toml"
@@ -81,6 +84,7 @@ def write_tables(folder, k3: float) -> None:
     (folder / "case.toml").write_text("\n".join(text) + "\n")
 
 
+@pytest.mark.slow
 def test_modal_tables_at_several_amplitudes_tell_a_cubic_spring(tmp_path):
     write_tables(tmp_path, 4e5)
     diagnosis = diagnose(load_case(tmp_path), effects=FEW[1:]).diagnosis

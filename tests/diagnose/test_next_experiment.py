@@ -32,6 +32,7 @@ def within_noise(run):
     return replace(run, after=run.noise, channels={n: (a, b, c, c) for n, (a, b, c, _) in run.channels.items()})
 
 
+@pytest.mark.slow
 def test_linear_rivals_differ_in_proportion_to_the_level(rig):
     plant, runs = rig
     one = model(plant, "added-mass", "joint:mass2", mass=0.02)
@@ -46,6 +47,7 @@ def test_linear_rivals_differ_in_proportion_to_the_level(rig):
             assert separation[level] == pytest.approx(level * separation[1.0], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_friction_and_drag_are_separated_away_from_the_level_of_equal_loss(rig):
     """Friction loses 4 F a in a cycle of amplitude a, viscous damping pi c omega a^2: equal at one level only."""
     plant, runs = rig
@@ -62,6 +64,7 @@ def test_friction_and_drag_are_separated_away_from_the_level_of_equal_loss(rig):
     assert "friction and damping differ there" in words
 
 
+@pytest.mark.slow
 def test_rivals_that_do_the_same_leave_no_experiment(rig):
     plant, runs = rig
     one = model(plant, "added-mass", "joint:mass2", mass=0.02)

@@ -11,6 +11,7 @@ from vlab.diagnose.pipeline import diagnose
 QUICK = [("carriages", "pink"), ("carriages", "white on the input")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rig", "noise"), QUICK)
 def test_coloured_noise_is_not_physics(tmp_path, rig, noise):
     null_case(tmp_path, rig, noise)
@@ -74,6 +75,7 @@ def test_a_pendulum_with_coarse_steps_does_so_too():
     assert error[0] / error[1] == pytest.approx(4.0, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["stochastic force", "wrong second mode", "coarse rig steps", "all at once"])
 def test_a_rough_model_is_slightly_wrong(tmp_path, kind):
     """The nominal model follows the recordings to within its stated parameters; the case loads and compares."""

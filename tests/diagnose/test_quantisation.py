@@ -51,6 +51,7 @@ def test_steps_are_found_beneath_hum():
     assert found.step == pytest.approx(0.2, rel=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "y",
     [

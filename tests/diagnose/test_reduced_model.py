@@ -97,6 +97,7 @@ def short(tmp_path, monkeypatch):
 
 # RK4 is all but exact: (81 rad/s x 1 ms)^5/120 a step. The eigenvalues of a semi-implicit step are the twin's, too; its
 # response to a force that changes every other step is off by (20 rad/s x 2 ms)^2 in the mode that moves most.
+@pytest.mark.slow
 @pytest.mark.parametrize(("integrator", "tolerance"), [("RK4", 1e-5), ("Euler", 4e-3)])
 @pytest.mark.parametrize("sensors", ["displacement", "velocity"])
 def test_the_twin_of_a_chain_moves_as_in_mujoco(short, integrator, tolerance, sensors):
@@ -266,6 +267,7 @@ def test_only_a_coarse_mesh_gets_the_modes_of_the_fe_model(beam, tmp_path, short
     assert with_modes_of_fe(rig) is rig
 
 
+@pytest.mark.slow
 def test_mode_by_mode_uncertainty_is_what_a_rebuilt_model_has(short):
     case = short()
     problem = prepare(case)
@@ -299,6 +301,7 @@ def test_mode_by_mode_uncertainty_is_what_a_rebuilt_model_has(short):
     assert gain.shape == (1,)
 
 
+@pytest.mark.slow
 def test_every_single_parameter_changes_the_twin_as_it_changes_the_model(short):
     case = short(joint_damping=1.0)
     problem = prepare(case)
@@ -318,6 +321,7 @@ def test_every_single_parameter_changes_the_twin_as_it_changes_the_model(short):
     assert seen == {"stiffness", "damping", "mass"}
 
 
+@pytest.mark.slow
 def test_a_gain_multiplies_force_or_reading(short):
     problem = prepare(short())
     theta = np.zeros(len(problem.reduced_model.changes))

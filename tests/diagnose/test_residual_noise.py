@@ -67,6 +67,7 @@ def test_a_wrong_stiffness_is_no_noise(stiffer):
     assert share(force(), reading, response()) < 0.4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "law",
     [

@@ -57,6 +57,7 @@ def test_an_arm_without_friction_moves_as_in_mujoco(tmp_path):
         assert nrmse < 0.01, name
 
 
+@pytest.mark.slow
 def test_friction_in_the_elbow_changes_the_arm(tmp_path):
     rig, null = two_link_case(tmp_path / "dry"), two_link_case(tmp_path / "null", effect=False)
     assert (rig.effect, rig.place) == ("coulomb-friction", "joint:elbow")

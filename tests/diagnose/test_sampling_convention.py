@@ -83,6 +83,7 @@ def case(folder, truth, *, kind="displacement", given="force", hold="", rows=rec
     return load_case(folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("truth", "kind", "given", "found"),
     [
@@ -107,12 +108,14 @@ def test_recordings_tell_when_their_inputs_act(tmp_path, truth, kind, given, fou
     assert not found or f'"{found}"' in problem.notes[0]
 
 
+@pytest.mark.slow
 def test_what_a_case_states_is_kept(tmp_path):
     problem = choose_model_class(case(tmp_path, "past", hold="linear")).problem
     assert problem.case.table.recording[0].channel[0].hold == "linear"
     assert not problem.timing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [0.5, 2.0])
 def test_a_delay_is_no_convention_unless_it_is_half_a_sample(tmp_path, samples):
     def late(truth, kind, level, rng):
@@ -125,6 +128,7 @@ def test_a_delay_is_no_convention_unless_it_is_half_a_sample(tmp_path, samples):
     assert problem.case.table.recording[0].channel[0].hold == ("zero" if samples == 0.5 else "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("truth", "kind"), [("past", "displacement"), ("zero-first", "acceleration")])
 def test_another_convention_is_no_missing_physics(tmp_path, truth, kind):
     done = diagnose(case(tmp_path, truth, kind=kind)).diagnosis
@@ -134,6 +138,7 @@ def test_another_convention_is_no_missing_physics(tmp_path, truth, kind):
     assert errors["nrmse_before"] < 1.3 * errors["nrmse_noise"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", ["force", "command"])
 @pytest.mark.parametrize("every", [1, 2])
 def test_steps_of_a_simulation_leave_positions_ahead(tmp_path, every, given):
@@ -148,6 +153,7 @@ def test_steps_of_a_simulation_leave_positions_ahead(tmp_path, every, given):
     assert "ms ahead" in problem.notes[0]
 
 
+@pytest.mark.slow
 def test_a_model_stepped_as_it_is_lacks_nothing(tmp_path):
     model = MODEL.replace('timestep="0.0005"', 'timestep="0.002"')
     done = diagnose(case(tmp_path, "", rows=stepped(1), model=model, velocity=True)).diagnosis
@@ -193,6 +199,7 @@ def arm(folder, step, every, *, integrator="Euler", hold="", friction=0.0, highe
     return load_case(folder)
 
 
+@pytest.mark.slow
 def test_steps_leave_positions_ahead_far_from_rest_too(tmp_path):
     model_class = choose_model_class(arm(tmp_path, 0.004, 1, hold="zero"))
     problem = model_class.problem
@@ -202,6 +209,7 @@ def test_steps_leave_positions_ahead_far_from_rest_too(tmp_path):
     assert problem.case.table.recording[0].channel[1].delay_s == pytest.approx(-0.5 * 0.004, rel=0.25)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, 0.06])
 def test_inputs_stand_far_from_rest_too(tmp_path, friction):
     model_class = choose_model_class(arm(tmp_path, 0.0005, 20, integrator="RK4", friction=friction))
@@ -209,6 +217,7 @@ def test_inputs_stand_far_from_rest_too(tmp_path, friction):
     assert model_class.problem.case.table.recording[0].channel[0].hold == "zero"
 
 
+@pytest.mark.slow
 def test_a_refit_to_whole_recordings_tells_when_slow_inputs_act(tmp_path):
     """Up to 1.2 Hz the filter takes half of 5 ms for a force that it does not know."""
     model_class = choose_model_class(arm(tmp_path, 0.0005, 10, integrator="RK4", highest=1.2))

@@ -43,6 +43,7 @@ def test_the_names_are_the_catalogues():
     assert set(SOME) <= set(EFFECTS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "tolerance"),
     [
@@ -63,6 +64,7 @@ def test_the_hidden_effect_comes_first_at_its_place(tmp_path, effect, tolerance)
             assert first.values[name] == pytest.approx(true, rel=tolerance)
 
 
+@pytest.mark.slow
 def test_a_shape_is_found_between_the_values_of_its_grid(tmp_path):
     rig, screen, candidates = screened(tmp_path, effect="actuator-clipping")
     first = next(c for c in candidates if c.effect.name == "actuator-clipping")
@@ -74,6 +76,7 @@ def test_a_shape_is_found_between_the_values_of_its_grid(tmp_path):
     assert abs(sharp.values["limit"] - true) < 0.5 * abs(first.values["limit"] - true)
 
 
+@pytest.mark.slow
 def test_the_effect_taken_as_present_leaves_nothing_to_the_others(tmp_path):
     _, screen, candidates = screened(tmp_path, effect="cubic-stiffness")
     first = next(c for c in candidates if c.effect.name == "cubic-stiffness")

@@ -24,6 +24,7 @@ def _short(monkeypatch):
     monkeypatch.setattr(rig_oscillator, "SECONDS", 2.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_nothing_is_said_where_nothing_is_missing(tmp_path, seed):
     _, result = found(tmp_path, effect="none", seed=seed)

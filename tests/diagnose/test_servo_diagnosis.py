@@ -61,11 +61,13 @@ def check(diagnosis, kind):
     assert diagnosis.heldout["gap_closed"] > 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.xfail(strict=True, reason="calibration of five parameters absorbs the gain to within the allowed error")
 def test_a_soft_servo_is_named(tmp_path):
     check(found(tmp_path, QUICK), QUICK)
 
 
+@pytest.mark.slow
 def test_a_soft_servo_is_not_an_inertia(tmp_path):
     assert {finding.effect for finding in found(tmp_path, QUICK).findings} <= {"servo-position-gain"}
 

@@ -63,6 +63,7 @@ def test_a_pendulum_takes_the_other_road_from_twenty_degrees_on(tmp_path, monkey
     assert linear_problem(load_case(tmp_path / "near")) is not None
 
 
+@pytest.mark.slow
 def test_what_cannot_be_handled_is_said_at_once(tmp_path):
     swinging_pendulum(tmp_path, noise=0.001)
     path = tmp_path / "rig.xml"
@@ -106,6 +107,7 @@ def test_a_muscle_is_refused(tmp_path):
 # ---- the linear system along the motion -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_slopes_are_those_of_the_equation_of_motion(tmp_path):
     pushed_cart(tmp_path)
     case = load_case(tmp_path)
@@ -137,6 +139,7 @@ def test_slopes_are_those_of_the_equation_of_motion(tmp_path):
     np.testing.assert_allclose(by_control[:, 0], np.linalg.inv(M)[:, 0], rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_step_and_its_derivative_agree(tmp_path):
     driven_arm(tmp_path)
     case = load_case(tmp_path)
@@ -152,6 +155,7 @@ def test_a_step_and_its_derivative_agree(tmp_path):
     np.testing.assert_allclose(change, expm(L * h) @ move, atol=2e-3 * np.abs(move).max())  # of second order in h
 
 
+@pytest.mark.slow
 def test_the_system_along_the_motion_gives_what_mujoco_gives(tmp_path):
     swinging_pendulum(tmp_path, "none", noise=0.001)
     case = shorter(load_case(tmp_path), 300)
@@ -188,6 +192,7 @@ def test_noise_at_uneven_times_is_found():
 # ---- starts -----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_even", [True, False])
 def test_a_start_far_from_rest_is_found(tmp_path, is_even, monkeypatch):
     monkeypatch.setattr(rig_swinging, "BENIGN", 0.0)
@@ -212,6 +217,7 @@ def answers(folder, rig, effect, samples=None, **given):
     return [(t.effect.name, t.place.name) for t in choice.best.terms], choice, found
 
 
+@pytest.mark.slow
 def test_the_screening_sees_the_hidden_effect(tmp_path):
     rig = swinging_pendulum(tmp_path, "quadratic-drag")
     problem, moving = prepare_trajectory(shorter(load_case(tmp_path), 500))
@@ -223,6 +229,7 @@ def test_the_screening_sees_the_hidden_effect(tmp_path):
     assert best.values["coefficient"] == pytest.approx(rig.parameters["coefficient"], rel=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", ["none", "viscous-damping"])
 def test_a_short_swing_is_diagnosed(tmp_path, effect):
     found, choice, _ = answers(tmp_path, "pendulum", effect, samples=500)
@@ -245,6 +252,7 @@ def test_hidden_effects_are_named_and_placed(tmp_path, rig, seed):
     )  # friction that peaks near rest is all but plain dry friction where a pendulum swings far
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dynamics", ["filterexact", "filter", "integrator"])
 def test_what_an_actuator_with_a_state_does_is_known(tmp_path, dynamics):
     """Its state follows its command as in MuJoCo, and a unit of it pushes as hard as its gain says."""

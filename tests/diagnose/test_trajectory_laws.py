@@ -86,6 +86,7 @@ def far_motion(n, h):
 # ---- which motion a system is linear about --------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("name", LAWS)
 def test_the_motion_that_a_system_is_linear_about_changes_nothing(name, compiled):

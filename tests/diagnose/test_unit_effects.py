@@ -147,6 +147,7 @@ def observed(n=300, runs=2):
     return system, FilterGains(K=gains.K[-1:], S=gains.S[-1:], P=gains.P[-1:]), rng.standard_normal((n, runs, 2))
 
 
+@pytest.mark.slow
 def test_a_filter_shows_a_force_that_it_does_not_know_as_the_impulses_say():
     """Marched sample by sample without a filter's knowledge of it, then filtered."""
     system, gains, force = observed()

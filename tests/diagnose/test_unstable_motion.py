@@ -42,11 +42,13 @@ def test_slow_growth_leaves_a_recording_whole():
     assert parts_within_growth(system(0.7**2)) == 1  # cosh(5.6) = 135 stays below 1/0.002
 
 
+@pytest.mark.slow
 def test_parts_are_the_longest_within_two_e_foldings():
     count = parts_within_growth(system(4.0**2, -100.0))
     assert np.cosh(4.0 * N * H / count) <= ERROR_GROWTH.most < np.cosh(4.0 * N * H / (count - 1))
 
 
+@pytest.mark.slow
 def test_parts_stay_long_enough_for_a_state_of_their_own():
     assert parts_within_growth(system(40.0**2)) == N // 100
 
@@ -60,6 +62,7 @@ def test_a_recording_is_cut_at_its_horizon():
     assert length_of_parts(run, 1) == np.inf
 
 
+@pytest.mark.slow
 def test_a_standing_link_is_predicted_in_parts(tmp_path):
     standing_link(tmp_path)
     screen = TrajectoryScoreTest(*prepare_trajectory(load_case(tmp_path)))

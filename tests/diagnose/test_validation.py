@@ -56,6 +56,7 @@ def test_a_residual_that_a_model_predicts_is_no_noise():
     assert not is_incoherent(checked(0.015))
 
 
+@pytest.mark.slow
 def test_the_true_physics_leaves_nothing_but_noise(tmp_path, monkeypatch):
     monkeypatch.setattr(rig_oscillator, "SECONDS", 4.0)
     rig = oscillator_case(tmp_path, effect="cubic-stiffness", benign=0.0)
@@ -147,6 +148,7 @@ def test_a_start_is_read_off_the_motion_and_not_off_a_sensor_that_is_off(tmp_pat
     assert error < 2e-3  # the noise is 2e-4; what the reading of a start leaves comes to some times that
 
 
+@pytest.mark.slow
 def test_steps_that_are_too_coarse_for_a_motion_are_said(tmp_path):
     coarse, run = swing(tmp_path / "coarse", step=0.01, integrator="Euler")
     fine, _ = swing(tmp_path / "fine")
@@ -161,6 +163,7 @@ def test_steps_that_are_too_coarse_for_a_motion_are_said(tmp_path):
     assert left[0][1] < 0.6 * left[0][0]  # of first order: a quarter, and what the reading of the start leaves
 
 
+@pytest.mark.slow
 def test_steps_are_compared_over_the_same_parts(tmp_path):
     """A model that loses a recording is simulated in parts; the parts are not a matter of its steps."""
     model, run = swing(tmp_path, step=0.002)

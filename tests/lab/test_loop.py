@@ -145,6 +145,7 @@ def test_mujoco_and_scipy_run_the_same_loop(modal, beam, fe, laboratory):
     )  # the start of the signal excites the modes above the twelfth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("plant_name", "tolerance"), [("modal", 2e-3), ("composite", 0.03)])
 def test_closed_loop_damping_is_that_of_the_discrete_prediction(request, beam, fe, laboratory, plant_name, tolerance):
     # asked for: 3 % (relative, six modes); the modal plant carries the FE model's own modes and must do far better
@@ -236,6 +237,7 @@ def test_an_unstable_loop_is_an_error_not_a_result(modal, laboratory):
         run_experiment(experiment(modal, controller=anti_damper, hardware=endless, seconds=20.0))
 
 
+@pytest.mark.slow
 def test_sensors_that_lose_gain_turn_an_unstable_loop_into_a_limit_cycle(modal):
     anti_damper = DirectRateFeedback(-500.0 * np.eye(3), sensors=PLACES, actuators=PLACES)
     x = run_experiment(experiment(modal, controller=anti_damper, seconds=20.0)).recording["probe:30in"]

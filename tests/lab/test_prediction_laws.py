@@ -82,6 +82,7 @@ def test_predicted_plant_is_hardware_and_structure_in_mujoco(fe, laboratory, lqg
     assert simulated == pytest.approx(np.array(predicted), abs=1.5e-2 * np.abs(predicted).max())
 
 
+@pytest.mark.slow
 def test_lqg_loop_decays_in_mujoco_as_predicted(fe, laboratory, lqg_law):
     # the lightest pole, 91.7 Hz at a ratio of 8e-4, rings longest after a release; brute force against eigenvalues
     hardware = laboratory.at_rate(1000.0)

@@ -206,6 +206,7 @@ def test_a_run_keeps_its_hardware_values():
     assert 'hardware_values = ["leads.shielded=false"]' in settings.to_toml()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["", "mfdrf"])
 def test_theory_of_a_bench_without_buffers_is_what_it_measures(law):
     # the loaded coils brake the structure and give less: both are in the analytical response

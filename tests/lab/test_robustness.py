@@ -68,6 +68,7 @@ def test_gain_margin_is_where_det_of_i_plus_l_vanishes(lqg_loop):
     assert np.abs(np.linalg.eigvals(L) + 1.0).min() < 1e-3  # the crossing's frequency has six digits, the peak is sharp
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["gain", "delay"])
 def test_margins_are_where_a_simulated_loop_begins_to_grow(lqg_loop, which):
     # 2 % to either side, brute force sample by sample; 40 s, in which the pole moves by a factor of 1.3 at least

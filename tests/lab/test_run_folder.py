@@ -148,6 +148,7 @@ def test_a_plan_runs_code_only_where_it_is_named_beside_the_plan(folder, capsys,
     assert (here / "pwned.txt").exists()
 
 
+@pytest.mark.slow
 def test_code_that_is_typed_is_run(folder, capsys):
     words = ["experiment", "beam", *QUICK, "--effect", "evil.py:E@20in:a=1", "--law", "evil.py:L", "--out", "typed"]
     assert run(capsys, *words)[0] == 0

@@ -53,6 +53,7 @@ def run(capsys, *words):
 LABELS = ("--input", "Hammer=force,N", "--output", "Acc1=acceleration,g", "--output", "Acc2=acceleration,g")
 
 
+@pytest.mark.slow
 def test_a_hammer_test_from_elsewhere(capsys, hammer_csv, tmp_path):
     out = tmp_path / "test"
     status, text, _ = run(capsys, "modal-test", hammer_csv, *LABELS, "--band", 3, 25, "--json", "--out", out)
@@ -78,6 +79,7 @@ def test_a_hammer_test_from_elsewhere(capsys, hammer_csv, tmp_path):
     }
 
 
+@pytest.mark.slow
 def test_a_stepped_sine_from_elsewhere(capsys, tmp_path):
     freq = np.concatenate([np.linspace(4, 5.7, 8), np.linspace(5.8, 6.2, 11), np.linspace(6.3, 8, 8)])
     t = np.arange(round(len(freq) * 20 * 100)) / 100.0
@@ -95,6 +97,7 @@ def test_a_stepped_sine_from_elsewhere(capsys, tmp_path):
         assert document["modes"][0]["zeta"] == pytest.approx(ZETA[0], rel=0.05)
 
 
+@pytest.mark.slow
 def test_stamps_of_six_decimals_are_a_rate(capsys, tmp_path):
     t = np.arange(12288) / 409.6
     force = np.where((t >= 0.5) & (t < 0.52), np.sin(np.pi * (t - 0.5) / 0.02), 0.0)
@@ -133,6 +136,7 @@ def test_bad_input_is_one_line(capsys, hammer_csv, tmp_path, words, message):
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_a_dwell_on_the_bench_is_read(capsys, tmp_path):
     status, _, err = run(
         capsys, "experiment", "beam", "--plant", "modal", "--excite", "dwell:hz=4.804,forces=1/0.5,drive_s=40", "--at", "base,20in",
@@ -152,6 +156,7 @@ def test_a_dwell_on_the_bench_is_read(capsys, tmp_path):
 SENSORS = ("--output", "sensor:base", "--output", "sensor:40in")
 
 
+@pytest.mark.slow
 def test_the_plant_beside_the_test(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(modal_test_report, "DRAWN", 1)  # a figure takes longer than the fit
     monkeypatch.setattr(modal_test_report, "DISTORTED", 1)

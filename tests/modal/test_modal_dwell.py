@@ -84,6 +84,7 @@ def test_one_force_does_not_hold_it():
     assert result.indicator > 0.2  # the neighbour 2 % away moves, too
 
 
+@pytest.mark.slow
 def test_what_is_no_dwell_says_so():
     with pytest.raises(BadRecording, match="fewer than 4 cycles"):
         run_dwell_test(held([1.0, 0.5], 5.0, seconds=150.5), ModalTest())

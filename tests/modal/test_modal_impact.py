@@ -42,6 +42,7 @@ def struck(at=(0.5, 20.5, 40.5, 60.5), *, seconds=80.0, noise=0.0, double=None):
     return Recording(time=t, data=np.column_stack([force, y]), channels=labels)
 
 
+@pytest.mark.slow
 def test_added_damping_is_taken_out_exactly():
     recording = struck()
     result = run_modal_test([recording], ModalTest(band_hz=(2.0, 25.0)))

@@ -239,6 +239,7 @@ def test_pairs_of_columns_by_their_names(names, labels):
 # ------------------------------------------------------------------------------------------------- several files
 
 
+@pytest.mark.slow
 def test_a_file_for_each_blow_point(capsys, tmp_path):
     paths = [write_uff(tmp_path / f"blow{i}.uff", inputs=(i,)) for i in (1, 3)]
     document = modes_of(capsys, *paths)
@@ -267,6 +268,7 @@ def test_accelerations_and_velocities_together(capsys, tmp_path):
     assert is_the_chain(modes_of(capsys, path))
 
 
+@pytest.mark.slow
 def test_a_roving_hammer_gives_the_shape_at_the_blows(capsys, tmp_path):
     paths = [write_uff(tmp_path / f"blow{i}.uff", inputs=(i,), outputs=(1,)) for i in K]
     document = modes_of(capsys, *paths)
@@ -288,6 +290,7 @@ def test_a_missing_response_is_named(capsys, tmp_path):
     assert [m["hz"] for m in document["modes"]] == pytest.approx(FREQ, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_uneven_frequencies(capsys, tmp_path):
     freq = np.unique(np.concatenate([np.arange(20.0, 400.0, 4.0), *(f + np.linspace(-5, 5, 41) for f in FREQ)]))
     path = write_uff(tmp_path / "frf.uff", freq=freq, abscissa_spacing=0)
@@ -429,6 +432,7 @@ def test_a_shaken_base_drives_by_its_acceleration():
     assert result.poles.freq == pytest.approx(FREQ, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_the_report_says_only_what_is_true_of_given_responses(capsys, tmp_path):
     status, text, _ = run(capsys, write_uff(tmp_path / "frf.uff"), "--out", tmp_path / "out")
     page = (tmp_path / "out" / "report.html").read_text()

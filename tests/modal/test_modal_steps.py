@@ -72,6 +72,7 @@ def test_a_sweep_in_steps_from_elsewhere_gives_the_mode():
     assert result.mean.coherence.min() > 0.9
 
 
+@pytest.mark.slow
 def test_a_sliding_sine_and_noise_have_no_steps():
     data, _ = recording()
     t = data.time

@@ -36,6 +36,7 @@ def test_the_values_of_the_tests_cover_the_catalogue():
     assert set(ALL) == set(EFFECTS) - {"tension-error"} - of_servos  # a stretched bar: see test_places.py
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PORT_VALUES)
 def test_a_force_at_a_port_is_the_same_in_mujoco_and_in_the_reduced_model(name):
     rig, (at, values) = rig_for(name), PORT_VALUES[name]
@@ -57,6 +58,7 @@ def test_a_change_of_a_channel_is_the_same_in_mujoco_and_in_the_reduced_model(na
     assert rms(here[:, 0] - there[:, 0]) < STEP_ERROR * rms(here[:, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ALL)
 def test_every_parameter_moves_the_output(name):
     rig, (at, values) = rig_for(name, step=1e-3), ALL[name]
@@ -175,6 +177,7 @@ def test_a_mass_at_a_site_is_the_model_with_a_small_ball_there():
         attach(plant, [Attached(effect_named("added-mass"), "site:tap", {"mass": 1.0})])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["RK4", "implicitfast"])
 def test_other_integrators_do_the_same(integrator):
     one = [("stribeck-friction", *PORT_VALUES["stribeck-friction"]), ("added-mass", "tendon:whole", {"mass": 0.3})]

@@ -78,6 +78,7 @@ def test_a_slew_limit_makes_a_triangle_of_the_limited_slope():
     assert np.degrees(np.angle(found)) < -85.0  # and lags by nearly a quarter of a cycle
 
 
+@pytest.mark.slow
 def test_the_nonlinear_effects_of_the_catalogue_are_found_by_trying():
     # laws of one side have a mean force, a coil's travel acts with the command, drifts and hum are not periodic
     assert {name for name, effect in EFFECTS.items() if has_describing_function(effect)} == NONLINEAR

@@ -96,6 +96,7 @@ def independent(t, *, gap, limit):
     return solve_ivp(rate, (0.0, t[-1]), np.zeros(4), t_eval=t, rtol=1e-8, atol=1e-10, max_step=4e-3).y[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gap", [0.0, GAP])
 @pytest.mark.parametrize("limit", [WIDE, 1.5])
 def test_a_run_is_that_of_two_inertias(gap, limit):
@@ -141,6 +142,7 @@ def test_motor_and_joint_swing_at_the_frequencies_of_a_two_mass_system():
     assert np.abs(run.q - exact).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_no_energy_arises_in_the_play():
     plant = with_train(bench(kv=0.0, damping=0.0, step=1e-4), gap=GAP, ratio=1e-12)
     run = Bench(plant, rate=3.0)

@@ -101,6 +101,7 @@ def test_hysteresis_takes_energy_in_every_cycle(name, hz):
     assert np.all(taken[5 * cycle :: cycle][1:] > taken[5 * cycle :: cycle][:-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("octaves", [-3.3, 0.0, 3.3])
 def test_the_loss_factor_is_constant_over_two_decades(octaves):
     loss, centre, h = 60.0, 4.0, 1e-4

@@ -79,6 +79,7 @@ def both(effect: PortEffect) -> tuple[np.ndarray, np.ndarray]:
     return evaluated, written
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", ALONG_MOTION, ids=lambda e: e.name)
 def test_a_tape_plays_what_the_law_says(effect):
     """To rounding: compiled functions and numpy's differ in the last bit."""

@@ -43,6 +43,7 @@ def test_every_plant_has_the_places_that_cases_name(structure, places, kind):
         assert np.any(port.row(plant_of(structure, kind).new_data()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("structure", "place", "effect", "values", "tolerance"),
     [

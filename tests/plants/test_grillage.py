@@ -126,6 +126,7 @@ def test_plates_hang_as_pendulums(grid):
 # -- motion out of the plane -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_twelve_modes_match_the_fe_model(plant, grid):
     reference = build_fe_model(grid, "physical", refine=2)
     check = check_plant(plant, reference, MODES, seconds=4.0)
@@ -146,6 +147,7 @@ def test_the_close_pair_spans_the_same_plane(plant, grid, reference):
     assert cosines.min() ** 2 > 0.99
 
 
+@pytest.mark.slow
 def test_frequencies_converge_at_second_order(plant, grid, reference):
     coarse = np.sqrt(np.mean(errors(plant, reference) ** 2))
     finer = build_grillage(grid, options=GrillageOptions(elements_per_span=4), damped=False)

@@ -229,6 +229,7 @@ def test_modal_plant_refuses_what_it_cannot_hold(fe):
         build_modal(fe, modes=20)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["beam", "grid"])
 def test_fe_plant_is_the_fe_model_inside_mujoco(name):
     # asked for: 0.1 %; what is left is the selective mass scaling, (omega h/1.8)^2/2 at most: 1.7e-4 at 12 modes

@@ -56,6 +56,7 @@ def test_every_plant_has_them(beam, tuned, plant):
     assert z1 == pytest.approx(z0, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "count", "off"), [("beam", 7, 0.006), ("grid", 15, 0.016)])
 def test_a_coarse_mesh_has_the_modes_of_the_fe_model(name, count, off):
     structure = load_structure(name)
@@ -83,6 +84,7 @@ def test_a_coarse_mesh_has_the_modes_of_the_fe_model(name, count, off):
     assert np.linalg.norm(np.abs(coarse) - np.abs(x)) > (0.1 if name == "grid" else 0.0) * np.linalg.norm(x)
 
 
+@pytest.mark.slow
 def test_the_grid_answers_as_the_fe_model_does():
     grid = load_structure("grid")
     fe = build_fe_model(grid, "physical")

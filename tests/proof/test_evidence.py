@@ -54,6 +54,7 @@ def assert_same(now, then):
         assert now == then
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cases", "least"), [(CASES, 300), (FRESH, 75), (LATER, 81)])
 def test_the_evidence_counts_to_the_score_that_is_shown(cases, least, tmp_path, monkeypatch):
     if cases == LATER:  # its recordings take a quarter of an hour: some are made again below
@@ -97,6 +98,7 @@ def test_the_evidence_is_as_large_as_promised():
     assert suites["two-effects"]["cases"] + suites["masked"]["cases"] >= LEAST_HARD
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", ["truth", "answer"])
 def test_a_change_of_the_evidence_is_noticed(shipped, which):
     path = truth_folder(shipped) / "case-007.json"

@@ -38,6 +38,7 @@ FORBIDDEN = ("mujoco", "vlab.physics", "vlab.plants")
 # ---- independence ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_generator_imports_nothing_of_the_model_side():
     """Every module under it, and everything that these import in turn, in a fresh process."""
     folder = Path(generator.__file__).parent
@@ -291,6 +292,7 @@ def test_losing_a_span_is_a_softer_span(place):
     assert np.linalg.eigvalsh(bench.K - 0.9 * p.K).min() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "in_loop"), [("slider", False), ("shaft", False), ("shaft", True)])
 def test_without_anything_hidden_mujoco_leaves_only_noise(tmp_path, name, in_loop):
     blueprint = replace({"slider": slider, "shaft": shaft}[name](), benign=())
@@ -391,6 +393,7 @@ def test_a_case_says_how_large_its_effect_is_and_that_its_steps_are_small(chain_
     assert len({round(r["level"], 6) for r in case.truth["recordings"] if r["role"] == "fit"}) >= 3
 
 
+@pytest.mark.slow
 def test_a_refit_takes_up_what_is_benign_and_leaves_what_is_not():
     """A spring that is 3 % softer is one standard deviation of what was built; dry friction is nothing of the kind."""
     blueprint, rng = slider(), np.random.default_rng(5)

@@ -205,6 +205,7 @@ def test_brier_and_calibration_of_counted_cases():
     assert calibration([], [])[0] is None
 
 
+@pytest.mark.slow
 def test_the_detection_limit_is_where_detection_turns_over():
     rng = np.random.default_rng(1)
     size = np.exp(rng.uniform(np.log(0.1), np.log(30), 4000))

@@ -117,6 +117,7 @@ def test_the_recordings_say_nothing_of_the_truth(cases):
     assert len({p.stat().st_mtime for p in (cases / "case-001").iterdir()}) == 1
 
 
+@pytest.mark.slow
 def test_concealing_that_was_stopped_goes_on_with_its_seed_and_makes_no_case_twice(tmp_path):
     plan = {"suites": ["null"], "count": 3, "benches": ["slider"], "jobs": 1}
     out = tmp_path / "cases"
@@ -145,6 +146,7 @@ def test_concealing_that_was_stopped_goes_on_with_its_seed_and_makes_no_case_twi
     assert [c["recordings"] for c in first["cases"].values()] == [c["recordings"] for c in again["cases"].values()]
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_recordings_and_another_commitment(made, tmp_path):
     conceal_cases(tmp_path / "again", suites=["null"], count=2, seed=3, benches=["slider"], jobs=1)
     first, again = (json.loads((folder / "commitments.json").read_text()) for folder in (made, tmp_path / "again"))
@@ -153,6 +155,7 @@ def test_the_same_seed_gives_the_same_recordings_and_another_commitment(made, tm
         assert kept["truth"] != again["cases"][name]["truth"]  # salted afresh
 
 
+@pytest.mark.slow
 def test_recordings_are_made_again_bit_for_bit(cases, tmp_path, capsys):
     shutil.rmtree(cases / "case-002")  # as evidence is kept: commitments and truth, no recordings
     status, _, _ = run(capsys, "conceal", "--again", str(cases), "--out", str(tmp_path / "again"), "--jobs", "1")
@@ -170,6 +173,7 @@ def test_recordings_are_made_again_bit_for_bit(cases, tmp_path, capsys):
     assert "other bits than those that were sealed" in err
 
 
+@pytest.mark.slow
 def test_a_truth_whose_salt_was_lost_is_made_again_with_its_recordings(cases, answered, tmp_path, capsys):
     again, lost = tmp_path / "again", truth_folder(cases) / "case-002.json"
     known = json.loads(lost.read_text())
@@ -192,6 +196,7 @@ def test_a_truth_whose_salt_was_lost_is_made_again_with_its_recordings(cases, an
         prove(cases, answers_folder(cases), jobs=1)
 
 
+@pytest.mark.slow
 def test_a_truth_without_its_salt_is_not_believed_for_its_word(cases, answered, capsys):
     """Whoever writes down the digest that was committed to has made nothing again."""
     path = truth_folder(cases) / "case-002.json"
@@ -224,6 +229,7 @@ def test_a_truth_without_its_salt_is_refused_where_the_recordings_come_out_other
     assert not (answers_folder(cases) / REMADE).exists()
 
 
+@pytest.mark.slow
 def test_some_of_the_cases_of_a_plan_are_made_again(cases, tmp_path):
     """A folder may hold a part of what a plan conceals: names, not their number, say which cases they are."""
     edit(cases / "commitments.json", lambda d: d["cases"].pop("case-001"))
@@ -449,6 +455,7 @@ def square(x: int) -> tuple[int, int]:
     return x, x * x
 
 
+@pytest.mark.slow
 def test_work_on_several_cores_is_complete():
     assert dict(run_all(square, range(5), jobs=2)) == {i: i * i for i in range(5)}
 
@@ -458,6 +465,7 @@ def bits_of_linear_algebra(x: int) -> tuple[int, bytes]:
     return x, linalg.eigh(a @ a.T)[1].tobytes()
 
 
+@pytest.mark.slow
 def test_numbers_come_out_with_the_same_bits_whatever_processor_linear_algebra_takes_this_for(monkeypatch):
     def made(**how):
         return dict(run_all(bits_of_linear_algebra, range(2), jobs=2, **how))

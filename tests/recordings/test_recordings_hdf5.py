@@ -121,6 +121,7 @@ NAUGHTY = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", NAUGHTY)
 def test_a_library_that_misbehaves_harms_nobody(tmp_path, monkeypatch, what):
     # The HDF5 library does the first two on damaged files: a few of each ten thousand mutated ones.

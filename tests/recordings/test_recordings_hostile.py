@@ -161,6 +161,7 @@ def test_mutated_files_give_finite_columns_or_bad_recording(tmp_path_factory, fi
     check_mutated(tmp_path_factory.getbasetemp(), files, kind, choice, edits)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("workers")
 @pytest.mark.parametrize("kind", ISOLATED)
 @given(choice=st.integers(0, 29), edits=EDITS)
@@ -271,6 +272,7 @@ def test_sound_files_are_accepted(tmp_path, files, kind):
         assert survives(path)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("workers")
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_truncated_file_is_refused_or_gives_whole_columns(tmp_path, files, kind):

@@ -55,6 +55,7 @@ def test_a_workbook_gives_the_same_numbers(tmp_path):
     assert table.notes[0] == "sheet 'Run' is read, not 'Notes'"
 
 
+@pytest.mark.slow
 def test_titles_units_blank_cells_and_text_of_a_workbook(tmp_path):
     pytest.importorskip("openpyxl")
     rows = [["Test of a beam"], ["t", "F"], ["s", "N"], [0.0, 1.5], [0.1, None], [0.2, 2.5]]

@@ -43,6 +43,7 @@ def test_a_round_trip_is_exact(tmp_path, suffix):
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @given(values=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=2, max_size=20))
 @settings(derandomize=True, max_examples=100, deadline=None)
@@ -53,6 +54,7 @@ def test_every_finite_double_survives(tmp_path_factory, suffix, values):
     assert same(read_recording(path), original)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @given(name=st.text(min_size=1, max_size=12), at=st.text(max_size=8))
 @settings(derandomize=True, max_examples=150, deadline=None)

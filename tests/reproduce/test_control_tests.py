@@ -107,6 +107,7 @@ def test_a_run_is_made_once(beam_bench):
     assert beam_bench.run("mfdrf", "full") is beam_bench.run("mfdrf", "full")
 
 
+@pytest.mark.slow
 def test_theory_of_the_open_loop_is_the_models_own_response(beam_bench):
     fe, freq = beam_bench.study.fe("full"), dense_lines(0.5, 30.0, np.array([1.85, 22.7]))
     open_run = beam_bench.run()
@@ -127,6 +128,7 @@ def test_benches_refuse_what_they_have_not():
         ControlBench("beam", seed=-1)
 
 
+@pytest.mark.slow
 def test_a_figure_is_a_drawing_its_data_and_its_numbers(tmp_path):
     figure = control_figure("4", plant="modal", shorten=10.0)
     assert write_control_figure(tmp_path, figure) == ["figure-4.svg", "figure-4.csv", "figure-4.json"]

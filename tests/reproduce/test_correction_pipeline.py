@@ -29,6 +29,7 @@ def bearings():
     return correct_by_test(seed=1, reduction="exact")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BOTH)
 def test_the_corrected_model_has_the_measured_modes(name, request):
     result = request.getfixturevalue(name)
@@ -91,6 +92,7 @@ def test_orthogonality_is_as_the_correction_has_it(joints):
     assert 0 < mean < largest < 1
 
 
+@pytest.mark.slow
 def test_a_seed_gives_the_same_bits_and_another_seed_does_not():
     one, same = (correct_by_test(seed=5, modes=2, retained=JOINTS[:4], period_s=10.0, periods=2) for _ in range(2))
     assert one.as_dict() == same.as_dict()
@@ -141,6 +143,7 @@ def test_bad_input_is_refused_in_one_line(settings, says):
     assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_the_verb_says_it_all(monkeypatch, tmp_path):
     monkeypatch.setattr(verb, "PERIOD_S", SHORT["period_s"])
     monkeypatch.setattr(verb, "PERIODS", SHORT["periods"])

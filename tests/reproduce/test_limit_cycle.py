@@ -74,6 +74,7 @@ def test_delay_to_grow_is_where_the_mode_crosses(beam, law):
     assert before <= 0 < after
 
 
+@pytest.mark.slow
 def test_simulated_growth_is_the_predicted_one(beam, fe, law):
     # without structural damping of the strings the mode grows fast enough for a short run; noise starts it
     hardware = runs.bench(noise=1e-4)
@@ -144,6 +145,7 @@ def test_an_undisturbed_draw_is_the_nominal_loop(beam, law):
     np.testing.assert_allclose(*pair, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_odds_of_explanations_are_the_shares_of_draws_that_do_what_was_seen(beam):
     found = odds.limit_cycle_odds(beam, draws=6, seed=1)
     assert found == odds.limit_cycle_odds(beam, draws=6, seed=1)

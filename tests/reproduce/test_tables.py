@@ -34,6 +34,7 @@ def test_every_determined_cell_of_the_beam_is_inside_its_tolerance(beam_tables):
     assert share(beam_tables.values(), determined=False).of == 0
 
 
+@pytest.mark.slow
 def test_every_determined_cell_of_the_grid_is_inside_its_tolerance(grid_tables):
     for table in grid_tables.values():
         assert table.ok, [cell for cell in table.cells if cell.determined and not cell.ok]

@@ -23,6 +23,9 @@ from vlab.physics.catalogue import EFFECTS
 from vlab.physics.native import SPRINGS
 from vlab.standalone.answer import StandaloneAnswer, write_answer
 
+pytestmark = pytest.mark.slow
+"""The module's recordings are made, or diagnosed, once for all its tests, which takes most of a minute."""
+
 ALL = {**PORT_VALUES, **CHANNEL_VALUES}
 SENSORS = ("pos_a", "pos_c", "vel_b")
 SAMPLE, STEPS = 1e-3, 2

@@ -21,6 +21,9 @@ from vlab.diagnose.validation.simulation import ExtendedModel, check, extended
 from vlab.physics.catalogue import effect_named
 from vlab.views.reports.diagnosis import _without_vlab
 
+pytestmark = pytest.mark.slow
+"""The module's recordings are made, or diagnosed, once for all its tests, which takes most of a minute."""
+
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):

@@ -178,6 +178,7 @@ def test_a_text_without_edits_is_byte_for_byte_the_same(robot):
     assert [e.attributes.get("name") for e in text.root.iterate() if e.tag == "body"] == ["upper", "lower", "hand"]
 
 
+@pytest.mark.slow
 def test_a_byte_order_mark_and_signs_beyond_ascii_stay(tmp_path):
     source = tmp_path / "rig.xml"
     source.write_bytes(

@@ -227,6 +227,7 @@ def test_the_other_verdicts_have_their_own_words(nothing, verdict):
     assert "gauge: clipped" in [line for section in diagnosis_report.sections(done) for line in section.text]
 
 
+@pytest.mark.slow
 def test_the_best_attempt_is_shown_without_a_probability(found):
     done, _ = found
     own = done.diagnosis
@@ -343,6 +344,7 @@ def test_a_case_states_effects_of_the_catalogue_only(tmp_path):
             load_case(path)
 
 
+@pytest.mark.slow
 def test_an_amended_structure_reproduces_its_error_from_its_files(tmp_path):
     """Parameters and a friction put in by hand: the files must bring all of them back, whatever the fit is worth."""
     case_folder, out = tmp_path / "case", tmp_path / "out"

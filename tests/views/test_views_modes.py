@@ -109,6 +109,7 @@ def test_a_model_does_not_differ_from_itself(drawn):
         assert "largest 0.000, MAC 1.0000" in top.get_title()
 
 
+@pytest.mark.slow
 def test_signs_and_sizes_of_the_models_change_nothing(drawn):
     structure, modes = drawn
     left = changed(modes)
@@ -153,6 +154,7 @@ def test_a_mode_that_is_not_there_is_refused(drawn):
         mode_difference_figure(structure, few, modes, 2)
 
 
+@pytest.mark.slow
 def test_the_command_writes_differences_and_comac(tmp_path, capsys, quick_layout):
     folder = tmp_path / "out"
     assert main(["modes", "beam", "--modes", "2", "--out", str(folder), "--json"]) == 0

@@ -45,6 +45,7 @@ def test_without_the_word_there_is_no_page(capsys, tmp_path):
     assert not (tmp_path / "run" / "report.html").exists()
 
 
+@pytest.mark.slow
 def test_a_run_without_excitation_has_a_page_without_responses(capsys, tmp_path, quick_layout):
     words = ["--plant", "modal", "--seconds", "0.5", "--excite", "release", "--report", "--out", str(tmp_path / "run")]
     assert run(capsys, "experiment", "beam", *words)[0] == 0

@@ -239,6 +239,7 @@ def test_a_disk_that_fills_up_leaves_no_half_file(tmp_path, beam, composite, run
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_long_recording_of_many_channels_is_written_whole(tmp_path):
     recording = rerun_timing.long_recording()  # what `vlab bench` times: 60 s of 50 channels at 2 kHz
     rerun_timing.write_traces(tmp_path / "long.rrd", recording)
