@@ -10,7 +10,7 @@ from vlab.cases.clock import plan_clock
 from vlab.cases.initial_state import InitialState, begins_at_rest
 from vlab.cases.linear_start import exponentials
 from vlab.cases.misfit import misfit
-from vlab.cases.replay import _held_means
+from vlab.cases.replay_inputs import held_means
 from vlab.controllers import DirectRateFeedback
 from vlab.diagnose.pipeline import diagnose
 from vlab.errors import BadCase, BadRecording, Diverged
@@ -307,7 +307,7 @@ def test_the_means_of_a_staircase_keep_its_integral():
     rng = np.random.default_rng(2)
     time, values, edges = np.cumsum(rng.uniform(0.1, 1, 50)), rng.normal(size=50), np.linspace(0, 30, 400)
     time -= time[0]
-    means = _held_means(time, values, edges)
+    means = held_means(time, values, edges)
     fine = np.linspace(0, 30, 400_001)
     staircase = values[np.searchsorted(time, fine, side="right") - 1]
     # the right-hand sum on the fine grid is off by one cell a jump

@@ -16,9 +16,10 @@ import mujoco
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from vlab.cases.channel_map import Compared, Drive, Law, Run
+from vlab.cases.channel_map import Compared, Law, Run
 from vlab.cases.clock import Clock
-from vlab.errors import BadCase
+from vlab.cases.open_loop import motion_of, run_open_loop
+from vlab.cases.replay_inputs import drives_of, inputs_of
 from vlab.hardware.laboratory import Converter
 from vlab.hardware.output_chain import OutputChain
 from vlab.hardware.sensing import coil_gain
@@ -73,6 +74,27 @@ class Bench:
         if self._ahead:
             mujoco.mj_integratePos(self.model, self.data.qpos, state.qvel, self._ahead)
         mujoco.mj_forward(self.model, self.data)
+
+    def open_loop(
+        self, run: Run, state: State, controls: Array, present: Array, progress: Callable[[float], None]
+    ) -> Array:
+        """Return the compared channels (n_readings, n_channels) under controls of every step and at the readings."""
+        self.start(state)
+        states, raw = run_open_loop(self.model, self.data, controls, present, ahead=self._ahead, progress=progress)
+        sensors, data = self.sensors(raw), self._copy
+        out = np.zeros((len(raw), len(run.compared)))
+        for i, c in enumerate(run.compared):
+            if c.sensor is not None:
+                out[:, i] = sensors[:, c.sensor]
+        of_ports = [(i, c) for i, c in enumerate(run.compared) if c.sensor is None and c.port]
+        moves = not all(self.plant.port(c.port).is_constant for _, c in of_ports)
+        for k, (qpos, qvel) in enumerate(zip(*motion_of(self.model, states), strict=True)) if of_ports else ():
+            data.qpos[:], data.qvel[:] = qpos, qvel
+            if moves:
+                mujoco.mj_fwdPosition(self.model, data)
+            for i, c in of_ports:
+                out[k, i] = self._value(c, sensors[k])
+        return out
 
     def reads_forces(self, compared: tuple[Compared, ...]) -> bool:
         """Return whether compared values depend on forces."""
@@ -304,9 +326,9 @@ def _played(
     progress: Callable[[float], None],
 ) -> Played:
     plant, model, data = bench.plant, bench.model, bench.data
-    means, present = _drives(run, clock, plant)
+    means, present = drives_of(run, clock, plant)
     loads = [drive for drive in run.drives if drive.port]
-    load_means, load_present = _channels(run, clock, loads)
+    load_means, load_present = inputs_of(run, clock, loads)
     ports = [plant.port(drive.port) for drive in loads]
     push = None if law is None else _chain(law, run, clock)
     controls = plant.control_matrix
@@ -315,6 +337,8 @@ def _played(
     command = np.zeros(len(plant.actuators))
     out = np.zeros((clock.readings, len(run.compared)))
     reads_forces = bench.reads_forces(run.compared)
+    if law is None and not every and not any(c.order == 2 and c.sensor is None for c in run.compared):
+        return Played(clock.times, bench.open_loop(run, state, means @ controls.T, present @ controls.T, progress))
     is_later = law is None and (physics is None or not physics.is_read) and not any(c.port for c in run.compared)
     raw = np.zeros((clock.readings, model.nsensordata)) if is_later else None
     bench.start(state)
@@ -392,7 +416,7 @@ def _physics(bench: Bench, run: Run, clock: Clock, state: State, is_at_rest: boo
         sample=clock.steps * clock.timestep,
         channels=read,
         readings=readings,
-        commands=None if is_at_rest else _drives(run, clock, plant)[0][:1].sum(axis=0),
+        commands=None if is_at_rest else drives_of(run, clock, plant)[0][:1].sum(axis=0),
     )
 
 
@@ -429,72 +453,3 @@ def _chain(law: Law, run: Run, clock: Clock) -> Callable[[Array], Array]:
 
 def _ideal(rate: float) -> Converter:
     return Converter(rate=rate, lowest_rate=rate, highest_rate=rate, delay_samples=0.0, filter_corner=0.0)
-
-
-def _drives(run: Run, clock: Clock, plant: Plant) -> tuple[Array, Array]:
-    """Return mean and present inputs of all actuators."""
-    means = np.zeros(((clock.readings - 1) * clock.steps, len(plant.actuators)))
-    present = np.zeros((clock.readings, len(plant.actuators)))
-    drives = [drive for drive in run.drives if drive.actuator is not None]
-    each, now = _channels(run, clock, drives)
-    for i, drive in enumerate(drives):
-        if drive.actuator is None:
-            continue
-        if drive.through_chain and run.hardware is not None:
-            each[:, i] = _through_chain(run, clock, drive.channel)
-            now[1:, i] = each[clock.steps - 1 :: clock.steps, i]
-        means[:, drive.actuator] += each[:, i]
-        present[:, drive.actuator] += now[:, i]
-    return means, present
-
-
-def _through_chain(run: Run, clock: Clock, channel: str) -> Array:
-    if run.hardware is None or not (clock.on_time and run.measured.is_uniform):
-        raise BadCase(f"{run.name}: commands {channel!r} must be sampled evenly to pass the hardware's converter")
-    converter = run.hardware.converter
-    if abs(run.measured.rate / converter.rate - 1) > 1e-6 or clock.times[1] * run.measured.rate > 1 + 1e-6:
-        raise BadCase(
-            f"{run.name}: commands {channel!r} are recorded at {run.measured.rate:g} Hz, the converter runs at "
-            f'{converter.rate:g} Hz; record them at that rate, or give the forces instead (kind = "force")'
-        )
-    chain = OutputChain(converter, channels=1, substeps=clock.steps)
-    forces = chain.response(run.measured[channel][:, None])[:, 0]
-    steps = (clock.readings - 1) * clock.steps
-    return np.resize(forces, steps) if forces.size >= steps else np.pad(forces, (0, steps - forces.size), mode="edge")
-
-
-def _channels(run: Run, clock: Clock, drives: Sequence[Drive]) -> tuple[Array, Array]:
-    """Return mean and present drives of a plant."""
-    time = run.measured.time - run.measured.time[0]
-    steps = (clock.readings - 1) * clock.steps
-    means, present = np.zeros((steps, len(drives))), np.zeros((clock.readings, len(drives)))
-    for i, drive in enumerate(drives):
-        values = run.measured[drive.channel]
-        if not drive.is_held:
-            means[:, i] = np.interp(clock.middles, time, values)
-            present[:, i] = np.interp(clock.times, time, values)
-        elif clock.on_time:
-            at = np.searchsorted(time, clock.middles, side="right") - 1
-            means[:, i] = values[np.maximum(at, 0)]
-            present[1:, i] = means[clock.steps - 1 :: clock.steps, i]
-        else:
-            means[:, i] = _held_means(time, values, np.arange(steps + 1) * clock.timestep)
-            present[1:, i] = means[clock.steps - 1 :: clock.steps, i]
-        if drive.is_first:
-            present[:, i] = values[
-                np.maximum(np.searchsorted(time, clock.times + 0.5 * clock.steps * clock.timestep, side="right") - 1, 0)
-            ]
-    return means, present
-
-
-def before(u: Array) -> Array:
-    """Return the held commands (n, ...) before each sample."""
-    return np.concatenate([np.zeros_like(u[:1]), u[:-1]])
-
-
-def _held_means(time: Array, values: Array, edges: Array) -> Array:
-    """Return means between the edges of a staircase."""
-    end = max(edges[-1], time[-1]) + 1.0
-    stamps = np.append(time, end)
-    integral = np.concatenate([[0.0], np.cumsum(values * np.diff(stamps))])
-    return np.diff(np.interp(edges, stamps, integral)) / np.diff(edges)

@@ -12,7 +12,7 @@ from scipy import signal
 
 from vlab.cases.channel_map import Compared, Run
 from vlab.cases.initial_state import begins_at_rest
-from vlab.cases.replay import before
+from vlab.cases.replay_inputs import before
 from vlab.diagnose.data.band import fastest, uniform
 from vlab.diagnose.data.noise import known_noise, noise_level
 from vlab.diagnose.data.quality import is_informative, on_clock

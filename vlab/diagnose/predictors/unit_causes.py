@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from vlab.cases.replay import before
+from vlab.cases.replay_inputs import before
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.predictors.innovations import Cause, Group
 from vlab.diagnose.predictors.unit_effects import commands_changed, port_series, unit_amplitudes

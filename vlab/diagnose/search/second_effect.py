@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vlab.cases.replay import before
+from vlab.cases.replay_inputs import before
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.hypothesis_fits import fitted, pairs_fitted, terms_of
