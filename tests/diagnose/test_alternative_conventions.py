@@ -11,6 +11,7 @@ from test_sampling_convention import DAMPING, MASS, NOISE, RATE, SECONDS, STIFFN
 from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.search.alternative_conventions import list_conventions
 from vlab.diagnose.search.model_class import choose_model_class
+from vlab.diagnose.search.sampling_convention import with_hold
 
 DELAY = 0.030
 
@@ -45,6 +46,18 @@ def test_what_a_case_leaves_open_may_be_read_otherwise(tmp_path):
     assert {t.initial for t in starts.of(problem.case).table.recording} == {"estimated"}
     stated = dataclasses.replace(problem, case=starts.of(inputs.of(problem.case)))
     assert list_conventions(stated) == []
+
+
+def test_a_hold_that_the_recordings_decided_is_opened_again(tmp_path):
+    stated = case(tmp_path, "linear")
+    problem = choose_model_class(stated).problem
+    decided = dataclasses.replace(problem, case=with_hold(stated, "zero"), timing="decided")
+    assert list_conventions(decided) == []
+    (other,) = list_conventions(decided, stated)
+    for of in (decided.case, stated):  # the prepared case, and the case as it is stated
+        assert {c.hold for t in other.of(of).table.recording for c in t.channel if c.input} == {"linear"}
+    said = other.of(stated)
+    assert list_conventions(decided, said) == []  # what the case says stays
 
 
 @pytest.mark.slow

@@ -77,7 +77,9 @@ def test_what_nothing_explains_is_read_in_the_ways_that_its_case_leaves_open(tmp
         choose_model(found).best.normalised_residual > HYPOTHESIS_FITS.enough
     )  # so every other way to read the case is tried
     (other,) = list_conventions(model_class.problem)
-    assert choose_convention(model_class, found) is None  # and no reading makes a wrong torque the right one
+    assert (
+        choose_convention(model_class, found, model_class.problem.case) is None
+    )  # and no reading makes a wrong torque the right one
     assert model_class.whole_runs_of(other.of(model_class.problem.case), found.whole.model_error) is not None
 
 

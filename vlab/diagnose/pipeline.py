@@ -235,7 +235,7 @@ class _Pass:
         searched = self._search(case, file, static_offsets)
         self.report(0.8, "fitting whole recordings")
         is_final = bool(self.told) or bool(searched.seen.damage.fatal)
-        other = None if is_final else choose_convention(searched.model_class, searched.found)
+        other = None if is_final else choose_convention(searched.model_class, searched.found, self.whole_case)
         if other is not None:
             again = replace(self, whole_case=other.of(self.whole_case), told=said([other.words]), checked_file=file)
             return again.run()

@@ -13,7 +13,13 @@ from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised
-from vlab.diagnose.search.sampling_convention import describe_hold, open_holds, with_hold
+from vlab.diagnose.search.sampling_convention import (
+    decided_holds,
+    describe_hold,
+    open_holds,
+    with_decided_hold,
+    with_hold,
+)
 from vlab.diagnose.search.selection import TimeFound
 from vlab.diagnose.settings import ALTERNATIVE_CONVENTIONS, HYPOTHESIS_FITS, SAMPLING_CONVENTION
 
@@ -34,7 +40,7 @@ class AlternativeConvention:
     of: Callable[[Case], Case]
 
 
-def list_conventions(problem: Problem) -> list[AlternativeConvention]:
+def list_conventions(problem: Problem, stated: Case | None = None) -> list[AlternativeConvention]:
     """Return the undecided conventions of a case.
 
     These are linear inputs or a zero-order hold, whichever is not assumed, and recordings that start in motion.
@@ -43,6 +49,8 @@ def list_conventions(problem: Problem) -> list[AlternativeConvention]:
     ----------
     problem : Problem
         Problem.
+    stated : Case, optional
+        Case as it is stated, which also opens a hold that the data decided.
 
     Returns
     -------
@@ -55,6 +63,11 @@ def list_conventions(problem: Problem) -> list[AlternativeConvention]:
         AlternativeConvention(words=describe_hold(hold), of=partial(with_hold, hold=hold))
         for hold in open_holds(problem)
     ]
+    if stated is not None:
+        out += [
+            AlternativeConvention(words=describe_hold(hold), of=partial(with_decided_hold, hold=hold, stated=stated))
+            for hold in decided_holds(problem, stated)
+        ]
     starts = {table.initial for table in problem.case.table.recording if not table.qpos}
     if "auto" in starts and any(run.at_rest for run in problem.signals):
         out.append(
@@ -71,11 +84,12 @@ def _begun_in_motion(case: Case) -> Case:
 
 
 def choose_convention(
-    model_class: LinearTimeInvariant | TrajectoryLinearised, found: TimeFound
+    model_class: LinearTimeInvariant | TrajectoryLinearised, found: TimeFound, stated: Case
 ) -> AlternativeConvention | None:
     """Return a convention that fits better with the effects.
 
-    A strong effect hides a convention, and a delay, lag or hold effect can imitate one.
+    A strong effect hides a convention, and a delay, lag or hold effect can imitate one. Such an effect therefore opens
+    the hold again, since the data decided on it without the effects.
 
     Parameters
     ----------
@@ -83,6 +97,8 @@ def choose_convention(
         Model class of the case.
     found : TimeFound
         Result of the search.
+    stated : Case
+        Case as it is stated.
 
     Returns
     -------
@@ -95,7 +111,7 @@ def choose_convention(
     if left <= HYPOTHESIS_FITS.enough**2 and not of_clock:
         return None
     chosen, least = None, np.inf
-    for other in list_conventions(model_class.problem):
+    for other in list_conventions(model_class.problem, stated if of_clock else None):
         refiner = model_class.whole_runs_of(other.of(model_class.problem.case), found.whole.model_error)
         if refiner is None:
             continue

@@ -138,6 +138,52 @@ def open_holds(problem: Problem) -> list[Hold]:
     return [hold for hold, _ in _others(problem.case) if hold in ("linear", "zero")]
 
 
+def decided_holds(problem: Problem, stated: Case) -> list[Hold]:
+    """Return the other holds where the data decided on one.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem with the decided hold.
+    stated : Case
+        Case as it is stated.
+
+    Returns
+    -------
+    list of Hold
+        Holds; empty where the case states the hold, or none was decided on.
+    """
+    if not problem.timing or problem.case.structure is not None:
+        return []
+    holds: tuple[Hold, ...] = ("linear", "zero")
+    return [hold for hold in holds if with_decided_hold(problem.case, hold, stated).table != problem.case.table]
+
+
+def with_decided_hold(case: Case, hold: Hold, stated: Case) -> Case:
+    """Return a case with a hold of all inputs whose hold is not stated.
+
+    Parameters
+    ----------
+    case : Case
+        Case with any holds.
+    hold : Hold
+        Hold.
+    stated : Case
+        The same case as it is stated.
+
+    Returns
+    -------
+    Case
+        Case with the hold.
+    """
+    tables = []
+    for table, own in zip(case.table.recording, stated.table.recording, strict=True):
+        is_open = {c.column for c in own.channel if c.input and not c.hold}
+        channels = tuple(replace(c, hold=hold) if c.input and c.column in is_open else c for c in table.channel)
+        tables.append(replace(table, channel=channels))
+    return replace(case, table=replace(case.table, recording=tuple(tables)))
+
+
 def describe_hold(hold: Hold) -> str:
     """Return a hold's description and its setting."""
     return f'{WORDS[hold]} (hold = "{hold}")'
