@@ -24,7 +24,8 @@ import numpy as np
 from vlab.cases.channel_map import Compared, Drive, Law, Run, compared_with_sensors
 from vlab.cases.clock import Clock, plan_clock
 from vlab.cases.linear_start import StartProblem, estimate_linear_start
-from vlab.cases.replay import Bench, State, at_timestep, bench_for, play
+from vlab.cases.refined_start import refine, window_residual
+from vlab.cases.replay import Bench, State, at_timestep, bench_for
 from vlab.errors import BadCase, BadStructure, Diverged
 from vlab.fe.second_order import SecondOrderModel
 from vlab.plants.base import Plant
@@ -40,8 +41,6 @@ AT_REST, STILL = 0.02, 5
 STILL [samples]: number of such samples required of accelerations alone."""
 AT_UNSTABLE_REST = 1e-3
 """AT_UNSTABLE_REST [1]: `AT_REST` for an unstable equilibrium, from which small initial errors grow."""
-REFINEMENTS = 8
-"""REFINEMENTS [1]: largest number of Gauss-Newton iterations."""
 WORTH, ENOUGH = 1.1, 0.02
 """WORTH [1]: ratio of the rms residual on the model to that on the linearisation above which the estimate is refined; a
 larger ratio means large motion.
@@ -175,7 +174,7 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
             and np.isfinite(lost)
             and lost > min(WORTH**2 * expected + 1e-18 * problem.measured.size, ENOUGH**2 * size)
         ):
-            x, left = _refine(problem, x, _residual(problem, x, offset), offset)
+            x, left = refine(problem, x, window_residual(problem, x, offset), offset)
             state, lost = problem.state(x), float(left @ left)
     share = LOCAL if is_measured else HOPELESS
     if lost > share**2 * size and can_be_local:
@@ -273,7 +272,7 @@ def _lost(problem: StartProblem, x: Array, offset: Array) -> float:
     The result is infinite if the model diverges.
     """
     try:
-        left = _residual(problem, x, offset)
+        left = window_residual(problem, x, offset)
     except Diverged:
         return np.inf
     return float(left @ left)
@@ -379,10 +378,10 @@ def _from_nearby(problem: StartProblem, state: State, offset: Array) -> tuple[St
         stage = replace(_stage(problem, share), origin=state)
         x = np.zeros(len(stage.scale))
         try:
-            left = _residual(stage, x, offset)
+            left = window_residual(stage, x, offset)
         except Diverged:
             return state, np.inf
-        x, left = _refine(stage, x, left, offset)
+        x, left = refine(stage, x, left, offset)
         state = stage.state(x)
     return state, float(left @ left)
 
@@ -456,47 +455,3 @@ def replayed_commands(run: Run, law: Law, part: Recording, bench: Bench) -> Arra
             tick += 1
         commands[k] = present
     return commands
-
-
-def _residual(problem: StartProblem, x: Array, offset: Array) -> Array:
-    """Return the weighted residual of the window on the model."""
-    run, clock = problem.run, problem.clock
-    replayed = play(problem.bench, run, clock, problem.state(x), None)
-    time = run.measured.time - run.measured.time[0]
-    model = np.column_stack([replayed.at(time, clock, i) for i in range(len(run.compared))])
-    return np.asarray(((model - offset - problem.measured) * problem.weight).ravel())
-
-
-def _refine(problem: StartProblem, x: Array, left: Array, offset: Array) -> tuple[Array, Array]:
-    """Improve the linear estimate by Gauss-Newton iterations.
-
-    Broyden's rank-one update keeps the Jacobian, since a new one takes a simulation per state. After a step without
-    gain on an updated Jacobian, a new Jacobian is computed. A failed iteration keeps the preceding estimate.
-    """
-    try:
-        slopes, is_new = _slopes(problem, x, left, offset), True
-        for _ in range(REFINEMENTS):
-            held = problem.held * np.eye(x.size)
-            rows, wanted = np.vstack([slopes, held]), np.concatenate([left, problem.held * x])
-            step = -np.linalg.lstsq(rows, wanted, rcond=1e-9)[0]
-            trial = _residual(problem, x + step, offset)
-            gained = 1.0 - float(trial @ trial) / float(left @ left)
-            if not gained > 0 and is_new:
-                break
-            if not gained > 0:
-                slopes, is_new = _slopes(problem, x, left, offset), True
-                continue
-            slopes, is_new = slopes + np.outer(trial - left - slopes @ step, step) / float(step @ step), False
-            x, left = x + step, trial
-            if gained < 1e-3:
-                break
-    except Diverged:
-        pass  # the step was too long; the preceding estimate stands
-    return x, left
-
-
-def _slopes(problem: StartProblem, x: Array, left: Array, offset: Array) -> Array:
-    """Return the Jacobian of the residual by finite differences, (n_residuals, n_states)."""
-    step = 1e-4 * max(float(np.abs(x).max()), 1e-9 if problem.origin is None else 0.1)
-    moved = x + step * np.eye(x.size)
-    return np.column_stack([(_residual(problem, point, offset) - left) / step for point in moved])

@@ -12,8 +12,8 @@ from vlab.signals import Array
 
 FULL = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
 """FULL [-]: MuJoCo's state with everything that a step depends on."""
-MOST_NUMBERS = 4_000_000
-"""MOST_NUMBERS [1]: largest number of values in a part of the run, 32 MB."""
+CHECK_EVERY = 500
+"""CHECK_EVERY [steps]: integration steps between two checks for divergence, and between two reports of progress."""
 _ONE_WAY = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 """Joint types whose position is the integral of their velocity."""
 
@@ -55,7 +55,7 @@ def run_open_loop(
     steps = len(controls) // max(count, 1)
     states = np.empty((count + 1, size))
     mujoco.mj_getState(model, data, states[0], FULL)
-    part = max(MOST_NUMBERS // (size * steps), 1)
+    part = max(CHECK_EVERY // max(steps, 1), 1)
     with Rollout(nthread=0) as rollout:
         for first in range(0, count, part):
             last = min(first + part, count)

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 
 from vlab.cases.channel_map import Compared, Law, Run
 from vlab.cases.clock import Clock
-from vlab.cases.open_loop import motion_of, run_open_loop
+from vlab.cases.open_loop import CHECK_EVERY, motion_of, run_open_loop
 from vlab.cases.replay_inputs import drives_of, inputs_of
 from vlab.hardware.laboratory import Converter
 from vlab.hardware.output_chain import OutputChain
@@ -31,8 +31,6 @@ from vlab.signals import Array
 
 Loads = Sequence[tuple[Port, float]]
 """Forces [N or N m] on ports."""
-CHECK_EVERY = 500
-"""CHECK_EVERY [steps]: integration steps between two checks for divergence."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,24 @@ class Bench:
     def open_loop(
         self, run: Run, state: State, controls: Array, present: Array, progress: Callable[[float], None]
     ) -> Array:
-        """Return the compared channels (n_readings, n_channels) under controls of every step and at the readings."""
+        """Simulate a run without a law, port loads or attached effects.
+
+        Parameters
+        ----------
+        run : Run
+            Recording with mapped channels.
+        state : State
+            Initial state.
+        controls, present : (n_steps, nu) and (n_readings, nu) array
+            Controls of every step and at the readings.
+        progress : callable
+            Receives the completed share of the run.
+
+        Returns
+        -------
+        (n_readings, n_channels) array
+            Compared channels; zeros for commands.
+        """
         self.start(state)
         states, raw = run_open_loop(self.model, self.data, controls, present, ahead=self._ahead, progress=progress)
         sensors, data = self.sensors(raw), self._copy
