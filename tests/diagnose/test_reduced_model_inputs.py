@@ -13,7 +13,7 @@ from vlab.diagnose.data.runs import windows
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.parameters.mjcf import Uncertain, adjusted
-from vlab.diagnose.parameters.observation import actuator_forces, command_feedthrough
+from vlab.diagnose.parameters.observation import command_feedthrough
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.modal import _inputs
 from vlab.diagnose.predictors.modal_problem import prepare
@@ -115,7 +115,7 @@ def test_what_is_stiffer_than_the_search_follows_still_yields(tmp_path, monkeypa
 )
 def test_the_model_s_own_limits_are_no_missing_physics(tmp_path, limits):
     case = recorded(tmp_path, actuator=f'<motor name="drive" joint="a" {limits}/>', reads=(ENCODER, VELOCITY))
-    assert actuator_forces(case.plant)[:, 0] == pytest.approx([1.0, 0.0])
+    assert case.plant.actuator_forces()[:, 0] == pytest.approx([1.0, 0.0])
     assert reduced_model_error(case) < 1e-6
 
 
@@ -124,14 +124,14 @@ SERVO = '<position name="drive" joint="a" kp="500" kv="2" forcelimited="true" fo
 
 def test_a_servo_s_gain_is_what_its_command_is_worth(tmp_path):
     case = recorded(tmp_path, actuator=SERVO, kind="command", rms=0.01, reads=(ENCODER, VELOCITY))
-    assert actuator_forces(case.plant)[:, 0] == pytest.approx([500.0, 0.0])
+    assert case.plant.actuator_forces()[:, 0] == pytest.approx([500.0, 0.0])
     assert reduced_model_error(case) < 1e-6
     before, after = (
         case.plant,
         adjusted(case.plant, [Uncertain(name="", kind="gain", sd=1.0, actuator=0)], np.array([0.1])),
     )
     np.testing.assert_array_equal(before.linearise().K, after.linearise().K)
-    assert actuator_forces(after)[0, 0] == pytest.approx(500.0 * np.exp(0.1))
+    assert after.actuator_forces()[0, 0] == pytest.approx(500.0 * np.exp(0.1))
 
 
 def test_a_coarse_model_is_seen_at_the_step_that_it_is_simulated_with(tmp_path):

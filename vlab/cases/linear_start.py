@@ -220,8 +220,7 @@ def _input_matrices(problem: StartProblem) -> tuple[Array, Array]:
     window = problem.run
     plant = without_limits(problem.bench.plant)  # a unit command may exceed the limits
     bench = bench_for(plant, window)
-    data = plant.new_data()
-    base = data.qfrc_actuator.copy()
+    data, of_commands = plant.new_data(), plant.actuator_forces()
     rest = bench.rest_values(problem.run.compared)
     forces = np.zeros((bench.model.nv, len(window.drives)))
     direct = np.zeros((rest.size, len(window.drives)))
@@ -233,9 +232,7 @@ def _input_matrices(problem: StartProblem) -> tuple[Array, Array]:
             pair = [_values(bench, problem.run.compared, bench.rest, still, [(port, load)]) for load in (1.0, 0.0)]
             direct[:, i] = pair[0] - pair[1]
         elif drive.actuator is not None:
+            forces[:, i] = of_commands[:, drive.actuator]
             ctrl = plant.control_matrix[:, drive.actuator]
-            data.ctrl[:] = ctrl
-            mujoco.mj_forward(bench.model, data)
-            forces[:, i] = data.qfrc_actuator - base
             direct[:, i] = _values(bench, problem.run.compared, bench.rest, ctrl) - rest
     return forces, direct

@@ -224,13 +224,7 @@ class StructureEnv(gymnasium.Env):
 
     def _static_shapes(self) -> Array:
         """Return the static deflection under a unit force of each coil, (n_dofs, n_coils)."""
-        data, model = self._plant.new_data(), self._plant.model
-        loads = np.zeros((model.nv, len(self.actuators)))
-        for i in range(len(self.actuators)):
-            data.ctrl[:] = self._plant.control_matrix[:, i]
-            mujoco.mj_forward(model, data)
-            loads[:, i] = data.qfrc_actuator
-        return np.asarray(np.linalg.lstsq(self._stiffness, loads, rcond=1e-12)[0])
+        return np.asarray(np.linalg.lstsq(self._stiffness, self._plant.actuator_forces(), rcond=1e-12)[0])
 
     def _observation(self) -> Array:
         assert self._loop is not None

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import mujoco
 import numpy as np
 from scipy import linalg
 
@@ -172,16 +171,13 @@ class _Receptance:
 
 def _receptance(plant: Plant, settings: RunSettings) -> _Receptance:
     at = plant.actuator_index(settings.at or load_structure(settings.structure).exciter)
-    data = plant.new_data()
-    data.ctrl[:] = plant.control_matrix[:, at]
-    mujoco.mj_forward(plant.model, data)
     linear = plant.linearise()
     square, shapes = linalg.eigh(linear.K, linear.M)
     held = square > FREE * square.max()
     shapes, omega = shapes[:, held], np.sqrt(square[held])
     rows = plant.port_rows([tap.at for tap in plant.actuators]) @ shapes
     zeta = np.einsum("ij,ik,kj->j", shapes, linear.C, shapes) / (2 * omega)
-    return _Receptance(omega=omega, zeta=zeta, gain=rows * (shapes.T @ data.qfrc_actuator))
+    return _Receptance(omega=omega, zeta=zeta, gain=rows * (shapes.T @ plant.actuator_forces()[:, at]))
 
 
 def _static_travel(modes: _Receptance, settings: RunSettings) -> float:

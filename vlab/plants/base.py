@@ -12,6 +12,7 @@ import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from typing import Any, Self
 
 import mujoco
@@ -196,6 +197,21 @@ class Plant:
         data = self.new_data()
         rows = [self.port(name).row(data) for name in (self.ports if names is None else names)]
         return np.array(rows).reshape(-1, self.model.nv)
+
+    def actuator_forces(self) -> Array:
+        """Return the generalised forces of unit commands, (nv, n_actuators).
+
+        Each is half the difference between a command and its opposite at equilibrium, without limits
+        [N or N m per unit command].
+        """
+        plant = without_limits(self)
+        data = plant.new_data()
+        out = np.zeros((plant.model.nv, len(plant.actuators)))
+        for i, sign in product(range(len(plant.actuators)), (1.0, -1.0)):
+            data.ctrl[:] = sign * plant.control_matrix[:, i]
+            mujoco.mj_forward(plant.model, data)
+            out[:, i] += 0.5 * sign * data.qfrc_actuator
+        return out
 
     def port(self, name: str) -> Port:
         """Return a port by name.

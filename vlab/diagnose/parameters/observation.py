@@ -105,35 +105,6 @@ def _evaluate(
     return bench.values(compared, bench.sensors()), bench.acceleration.copy()
 
 
-def actuator_forces(plant: Plant) -> Array:
-    """Return the generalised forces of unit commands, without limits.
-
-    Parameters
-    ----------
-    plant : Plant
-        Plant.
-
-    Returns
-    -------
-    (nv, n_actuators) array
-        Generalised forces [N or N m per unit command].
-    """
-    plant = without_limits(plant)
-    data = plant.new_data()
-    base = data.qfrc_actuator.copy()
-    out = np.zeros((plant.model.nv, len(plant.actuators)))
-    for i in range(len(plant.actuators)):
-        column = plant.control_matrix[:, i]
-        data.ctrl[:] = column
-        mujoco.mj_forward(plant.model, data)
-        high = data.qfrc_actuator - base
-        data.ctrl[:] = -column
-        mujoco.mj_forward(plant.model, data)
-        out[:, i] = (high - (data.qfrc_actuator - base)) / 2
-        data.ctrl[:] = 0.0
-    return out
-
-
 def within_limits(plant: Plant, actuator: int, commands: Array) -> Array:
     """Clip commands at the plant's own limits.
 
@@ -191,7 +162,7 @@ def command_feedthrough(plant: Plant, compared: Sequence[Compared]) -> Array:
     """
     plant = without_limits(plant)
     bench, channels = Bench(plant), tuple(compared)
-    forces, still = actuator_forces(plant), np.zeros(plant.model.nv)
+    forces, still = plant.actuator_forces(), np.zeros(plant.model.nv)
     out = np.zeros((len(channels), len(plant.actuators)))
     for i in range(len(plant.actuators)):
         column = plant.control_matrix[:, i]

@@ -9,7 +9,7 @@ from vlab.cases.case import Case
 from vlab.cases.channel_map import Compared
 from vlab.diagnose.data.responses import Measured, Modes, Response
 from vlab.diagnose.parameters.locations import Place
-from vlab.diagnose.parameters.observation import ChannelRows, actuator_forces, channel_rows
+from vlab.diagnose.parameters.observation import ChannelRows, channel_rows
 from vlab.diagnose.parameters.reduced_model import observable
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.settings import FREQUENCY_MODEL
@@ -194,7 +194,7 @@ def view_of(plant: Plant, wires: Wires) -> View:
     basis = shapes[:, kept]
     ports = [name for name, actuator in zip(wires.inputs, wires.actuators, strict=True) if actuator is None]
     loads = plant.port_rows(ports) if ports else np.zeros((0, plant.model.nv))
-    forces = basis.T @ np.hstack([actuator_forces(plant), loads.T])
+    forces = basis.T @ np.hstack([plant.actuator_forces(), loads.T])
     columns = tuple(
         actuator if actuator is not None else len(plant.actuators) + ports.index(name)
         for name, actuator in zip(wires.inputs, wires.actuators, strict=True)

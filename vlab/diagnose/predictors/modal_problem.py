@@ -13,7 +13,7 @@ from vlab.diagnose.parameters.locations import Place, places_of
 from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, stiffness_of, uncertain_parameters
 from vlab.diagnose.parameters.mjcf_sensitivity import parts_of
 from vlab.diagnose.parameters.mode_selection import KeptModes, as_stepped, kept_modes
-from vlab.diagnose.parameters.observation import actuator_forces, channel_rows, command_feedthrough
+from vlab.diagnose.parameters.observation import channel_rows, command_feedthrough
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns, limited, read_runs, recorded_commands
 from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, ReducedModel, Shift
 from vlab.diagnose.parameters.structure import structure_parameters
@@ -62,7 +62,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
             f"{case.path}: the recorded channels see no mode of the model below {MODE_SELECTION.seen * rate:.3g} Hz"
         )
     parameters, parts, shifts = _uncertain(case, recorded, modes)
-    pushes = np.hstack([actuator_forces(plant), plant.port_rows(recorded.load_ports).T.reshape(plant.model.nv, -1)])
+    pushes = np.hstack([plant.actuator_forces(), plant.port_rows(recorded.load_ports).T.reshape(plant.model.nv, -1)])
     reduced_model = replace(_reduced_model(case, recorded, modes, pushes, parameters, parts), shifts=shifts)
     if case.structure is not None:
         reduced_model = replace(

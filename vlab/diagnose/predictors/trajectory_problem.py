@@ -16,7 +16,7 @@ from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.centre_of_mass import centres_of_mass
 from vlab.diagnose.parameters.locations import places_of
 from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, of_kind, uncertain_parameters
-from vlab.diagnose.parameters.observation import ChannelRows, actuator_forces
+from vlab.diagnose.parameters.observation import ChannelRows
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns, read_runs, recorded_commands
 from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.predictors.step_jacobian import Stepper
@@ -240,7 +240,7 @@ def _reduced_model(
         M=np.eye(nv),
         C=np.zeros((nv, nv)),
         K=np.zeros((nv, nv)),
-        forces=actuator_forces(plant),
+        forces=plant.actuator_forces(),
         loads=plant.port_rows(load_ports).T if load_ports else np.zeros((nv, 0)),
         rows=ChannelRows(at_q=zero, at_v=zero, at_a=zero, rest=rest),
         changes=changes_of(parameters),
