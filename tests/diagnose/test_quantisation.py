@@ -45,6 +45,19 @@ def test_steps_are_found_beneath_noise_that_came_after_them():
     assert found.step == pytest.approx(0.2, rel=5e-3)
 
 
+@pytest.mark.parametrize("step", [0.07, 0.3])
+def test_a_joint_that_dwells_at_taught_positions_is_not_quantised(step):
+    """A servo moves a joint from one multiple of an angle to the next, and stays there most of the time."""
+    rng = np.random.default_rng(4)
+    angle = np.zeros(TIME.size)
+    for at in range(300, TIME.size, 300):
+        behind = TIME[at:] - TIME[at]
+        angle[at:] += step * rng.integers(-2, 3) * (1 - np.exp(-behind / 0.01) * (1 + behind / 0.01))
+    assert sensor_steps([run_of(TIME, {"a": angle + 1e-3 * step * rng.standard_normal(TIME.size)})]) == ()
+    (found,) = sensor_steps([run_of(TIME, {"a": rounded(motion(), step)})])
+    assert found.step == pytest.approx(step, rel=5e-3)
+
+
 def test_steps_are_found_beneath_hum():
     y = rounded(motion(), 0.2) + 0.02 * np.sin(2 * np.pi * 50.0 * TIME)
     (found,) = sensor_steps([run_of(TIME, {"a": y})])

@@ -2,6 +2,9 @@
 
 The function of values on multiples of a step q has a peak at the frequency 1/q. The function of smooth motion has
 decayed there, by then below noise. Coarse steps explain a good part of a residual; fine steps are usual.
+
+A motion that dwells at a few positions has such a peak too. Values after a jump of half a step or more must therefore
+stand on the steps as well: a quantised channel jumps from step to step, a moving one shows values in between.
 """
 
 from collections.abc import Sequence
@@ -94,7 +97,14 @@ def _step(values: Array, least: float) -> tuple[float, float] | None:
         )
     ]
     steps = (_refined(values, cycles[i], cycles[1]) for i in peaks[: QUANTISATION.most_peaks])
-    return next((step for step in steps if not _passes_between(values, step[0])), None)
+    return next((s for s in steps if _jumps(values, s[0]) and not _passes_between(values, s[0])), None)
+
+
+def _jumps(values: Array, step: float) -> bool:
+    """Return whether a series jumps from step to step: values after a jump stand on the steps."""
+    moved = values[1:][np.abs(np.diff(values)) > 0.5 * step]
+    least = QUANTISATION.sharp if np.std(values) >= step else QUANTISATION.exact
+    return moved.size >= QUANTISATION.fewest_jumps and abs(np.exp(2j * np.pi * moved / step).mean()) > least
 
 
 def _passes_between(values: Array, step: float) -> bool:

@@ -162,6 +162,9 @@ class QuantisationSettings:
     over_noise: float = 2.0
     """over_noise [1]: least step over the high-frequency noise, above 0. Uniform rounding alone has a step of 3.5 times
     its noise; noise over several steps has less than 1. Raising it misses steps under noise."""
+    fewest_jumps: int = 10
+    """fewest_jumps [1]: fewest jumps of half a step that show quantisation, at least 3; default untested. Raising it
+    misses slow channels."""
     fewest: int = 3
     """fewest [1]: fewest steps that the values span, at least 3 since two values are a switch. Raising it misses coarse
     quantisation."""

@@ -383,6 +383,7 @@ def _checked(
             errors.append(np.full(len(names), np.inf if model is not None else np.nan))
         else:
             errors.append(apart(recording, run.measured))
+    noise = np.fmin(noise, np.fmin.reduce(errors))  # a model does not predict noise, so no error is below the noise
     left = [_rms(e) for e in errors]
     stands = errors[0] if left[1] > left[0] else errors[1]
     standing = recordings[0] if left[1] > left[0] else recordings[1]
