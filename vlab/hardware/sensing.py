@@ -155,19 +155,19 @@ class Sampling:
         """
         if self.added is not None:
             values = values + self.added[at]
-        if self._steps is not None:
-            values = QUANTISATION.sense(values, self._steps, 0.0, _NO_TIMES)
+        if self.steps is not None:
+            values = QUANTISATION.sense(values, {"step": self.steps}, 0.0, _NO_TIMES)
         return values
 
     @cached_property
-    def _steps(self) -> dict[str, Array] | None:
-        """Quantisation step of every sensor in motion units.
+    def steps(self) -> Array | None:
+        """Quantisation steps in motion units, (n_sensors,).
 
         None without quantisation.
         """
         volts, coil = self.hardware.converter.resolution, self.hardware.velocity_sensor
         per_motion = np.where(self.is_velocity, coil.sensitivity, self.hardware.displacement_probe.sensitivity)
-        return {"step": volts / per_motion} if volts > 0 else None
+        return volts / per_motion if volts > 0 else None
 
     def only(self, sensors: Array) -> "Sampling":
         """Return the sampling of selected sensors."""

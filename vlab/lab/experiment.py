@@ -12,7 +12,6 @@ from vlab.errors import BadExperiment
 from vlab.hardware.back_emf import brake_plant
 from vlab.hardware.laboratory import Hardware, load_hardware
 from vlab.hardware.sensing import Sampling
-from vlab.lab.callback import control_callback
 from vlab.lab.effort import ActuatorEffort, actuator_efforts
 from vlab.lab.excitation import Excitation, Release, forces_at
 from vlab.lab.loop import ControlLoop
@@ -79,12 +78,15 @@ class Result:
         Configurations for views.
     effort : tuple of ActuatorEffort
         Effort of every actuator.
+    is_compiled : bool
+        Whether the loop ran in compiled code, see `vlab.lab.loop.can_compile`.
     """
 
     recording: Recording
     frame_times: Array
     frames: Array
     effort: tuple[ActuatorEffort, ...] = ()
+    is_compiled: bool = False
 
 
 def run_experiment(
@@ -148,6 +150,7 @@ def run_experiment(
             frame_times=times[:: loop.frame_every],
             frames=loop.frames,
             effort=actuator_efforts(plant.actuators, loop.commands, loop.applied, loop.saturated),
+            is_compiled=loop.is_compiled,
         )
 
     def after(done_s: float) -> None:
@@ -156,19 +159,14 @@ def run_experiment(
         if watch is not None:
             watch(done_s, so_far)
 
-    _advance(plant, loop, steps, after)
-    return so_far()
-
-
-def _advance(plant: Plant, loop: ControlLoop, steps: int, after: Callable[[float], None]) -> None:
     done = 0
-    with control_callback(loop.data, loop.callback):
-        while done < steps:
-            chunk = min(CHUNK_STEPS, steps - done)
-            mujoco.mj_step(plant.model, loop.data, nstep=chunk)
-            done += chunk
-            check_run(plant.model, loop.data, done * plant.timestep)
-            after(done * plant.timestep)
+    while done < steps:
+        chunk = min(CHUNK_STEPS, steps - done)
+        loop.advance(chunk)
+        done += chunk
+        check_run(plant.model, loop.data, done * plant.timestep)
+        after(done * plant.timestep)
+    return so_far()
 
 
 def _pull(plant: Plant, data: Any, actuator: int, force: float) -> None:
