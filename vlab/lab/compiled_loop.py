@@ -1,17 +1,22 @@
 """Control loop with a linear law as one compiled function.
 
-Between the two halves of a MuJoCo step the function samples the sensors, runs the law x+ = A x + B y, u = C x + D y and
-the output chain, limits and brakes the forces, writes the controls and records. `vlab.lab.loop` chooses the function where
-the law, the hardware and the plant allow it. Sums have another order than numpy's, so results agree to rounding.
+Law and output chain are one discrete linear system. From its state z and the samples y follow the commands u of the
+sample and the mean forces f of the sample's steps,
+
+    [u, f, z+] = F [z, y].
+
+Between the two halves of a MuJoCo step the function samples the sensors, evaluates F, limits and brakes the forces, writes
+the controls and records. Sums have another order than numpy's, so results agree with those of the loop in Python to
+rounding.
 """
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from vlab.compilation import compiled
 from vlab.controllers.linear import Matrices
+from vlab.hardware.output_chain import OutputChain
 from vlab.hardware.sensing import Sampling
 from vlab.plants.base import Plant
 from vlab.plants.compiled_steps import first_half, second_half
@@ -21,178 +26,127 @@ SUMS = {"contract", "reassoc"}
 """SUMS [-]: freedoms of the compiler in sums of products: order, and multiplication with addition in one rounding."""
 
 
-class Rows(NamedTuple):
-    """A sparse matrix by rows: row i has the entries from `starts[i]` to `starts[i + 1]`."""
+class CompiledLoop(NamedTuple):
+    """Arrays of one experiment, for the compiled function.
 
-    starts: Array
-    columns: Array
-    values: Array
-
-    @classmethod
-    def of(cls, matrix: Array) -> "Rows":
-        """Return the nonzero entries of a matrix.
-
-        Parameters
-        ----------
-        matrix : (n, m) array
-            Dense matrix.
-
-        Returns
-        -------
-        Rows
-            Entries, row by row.
-        """
-        rows, columns = np.nonzero(matrix)
-        starts = np.searchsorted(rows, np.arange(len(matrix) + 1))
-        return cls(starts.astype(np.int64), columns.astype(np.int64), np.asarray(matrix[rows, columns], dtype=float))
-
-
-class State(NamedTuple):
-    """Views of the arrays of one `MjData`."""
+    Parameters
+    ----------
+    qpos, qvel, sensordata, ctrl, generalised : array
+        Views of the arrays of `MjData`; the last is ``qfrc_applied``.
+    sensing : (n_sensors, n_sensordata) array
+        Matrix from ``sensordata`` to the sensors that the law reads; no rows without a law.
+    travel : (n_sensors,) array of int
+        Index in ``sensordata`` of each coil's travel; -1 for a probe or an unknown travel.
+    share, steps : (n_sensors,) array
+        Share of each signal at the converter [1], and quantisation step; 0 for none.
+    half : float
+        Half of the coils' linear travel [m].
+    noise : (n_samples, n_sensors) array
+        Noise, pick-up and drift; no rows without them.
+    system : array
+        Matrix F of law and output chain, see `system_of`; empty without a law.
+    given, result : array
+        Vectors [z, y] and [u, f, z+].
+    added : (n_steps, n_actuators) array
+        Force added behind the filter [N].
+    limit : float
+        Limit of the amplifiers [N]; infinite for none.
+    brakes : (n_actuators, n_sensordata) array
+        Matrix from ``sensordata`` to the forces by which the coils brake themselves; empty for none.
+    controls : (nu, n_actuators) array
+        Matrix from forces to controls.
+    dissipation, restoring : (nv, nv) array
+        Matrices of the plant; empty for none.
+    rest : (nq,) array
+        Configuration without restoring force.
+    raw, frames, commands, forces, over : array
+        Records of `vlab.lab.loop.ControlLoop`: ``sensordata`` and commands a sample, configurations, forces a step, and
+        steps beyond the limit.
+    """
 
     qpos: Array
     qvel: Array
     sensordata: Array
     ctrl: Array
-    applied: Array
-
-
-class Samples(NamedTuple):
-    """Sampling of the sensors that the law reads, in the law's order.
-
-    Parameters
-    ----------
-    rows : Rows
-        From ``sensordata`` to sensor values.
-    travel : (n_sensors,) array of int
-        Index in ``sensordata`` of each coil's travel; -1 for a probe or an unknown travel.
-    share : (n_sensors,) array
-        Share of the signal at the converter [1].
-    half : float
-        Half of the coils' linear travel [m].
-    added : (n_samples, n_sensors) array
-        Noise, pick-up and drift; no rows without them.
-    steps : (n_sensors,) array
-        Quantisation steps; 0 for none.
-    """
-
-    rows: Rows
+    generalised: Array
+    sensing: Array
     travel: Array
     share: Array
-    half: float
-    added: Array
     steps: Array
-
-
-class Law(NamedTuple):
-    """A linear law with its memory.
-
-    Parameters
-    ----------
-    matrix : (n_outputs + n_states, n_states + n_sensors) array
-        [[C, D], [A, B]].
-    given, result : array
-        State and samples [x, y], and commands and next state [u, x+].
-    to : (n_outputs,) array of int
-        Actuators of the commands; empty without a law.
-    """
-
-    matrix: Array
+    half: float
+    noise: Array
+    system: Array
     given: Array
     result: Array
-    to: Array
-
-
-class Output(NamedTuple):
-    """The way from commands to MuJoCo's controls.
-
-    Parameters
-    ----------
-    chain : array
-        Matrix of `vlab.hardware.output_chain.OutputChain`.
-    memory : (n_actuators, n_columns) array
-        State of the filter, past commands and new command.
-    means : (n_actuators, n_rows) array
-        Result of the last sample: mean forces of its steps, and the next memory.
-    added : (n_steps, n_actuators) array
-        Force added behind the filter [N].
-    limit : float
-        Limit of the amplifiers [N]; 0 for none.
-    brakes : Rows
-        From ``sensordata`` to the force by which each coil brakes itself.
-    controls : Rows
-        From forces to controls.
-    dissipation, restoring : array
-        Matrices of the plant, (nv, nv); (0, 0) for none.
-    rest : array
-        Configuration at equilibrium.
-    """
-
-    chain: Array
-    memory: Array
-    means: Array
     added: Array
     limit: float
-    brakes: Rows
-    controls: Rows
+    brakes: Array
+    controls: Array
     dissipation: Array
     restoring: Array
     rest: Array
-
-
-class Records(NamedTuple):
-    """Recorded arrays, see `vlab.lab.loop.ControlLoop`."""
-
     raw: Array
     frames: Array
     commands: Array
     forces: Array
     over: Array
+    force: Array
+    braking: Array
+    moved: Array
+    restored: Array
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CompiledLoop:
-    """Compiled steps of one experiment.
-
-    Parameters
-    ----------
-    model, data : object
-        MuJoCo's model and data.
-    substeps, frame_every : int
-        Steps per sample, and samples per stored configuration.
-    samples, law, output, records : NamedTuple
-        Parts of the loop.
-    """
-
-    model: Any
-    data: Any
-    substeps: int
-    frame_every: int
-    samples: Samples
-    law: Law
-    output: Output
-    records: Records
-
-    def advance(self, first: int, count: int) -> None:
+    def advance(self, addresses: tuple[int, int], first: int, count: int, every: tuple[int, int]) -> None:
         """Run steps.
 
         Parameters
         ----------
-        first : int
-            Index of the first step.
-        count : int
-            Number of steps.
+        addresses : tuple of int
+            Addresses of MuJoCo's model and data.
+        first, count : int
+            Index of the first step, and number of steps.
+        every : tuple of int
+            Steps per sample, and samples per stored configuration.
         """
-        data = self.data
-        state = State(data.qpos, data.qvel, data.sensordata, data.ctrl, data.qfrc_applied)
-        which = (first, count, self.substeps, self.frame_every)
-        _advance(
-            self.model._address, data._address, which, state, self.samples, self.law, self.output, self.records
-        )
+        _advance(*addresses, first, count, *every, self)
 
 
-def samples_of(plant: Plant, sampling: Sampling, wired: Array) -> Samples:
-    """Return the sampling of the wired sensors.
+def system_of(matrices: Matrices, to: Array, chain: OutputChain, n_actuators: int) -> Array:
+    """Return the matrix F of a law and its output chain.
+
+    Parameters
+    ----------
+    matrices : tuple of array
+        A, B, C, D of the law.
+    to : (n_outputs,) array of int
+        Actuators of the law's commands.
+    chain : OutputChain
+        Output chain of one channel.
+    n_actuators : int
+        Number of actuators; the others have no command.
+
+    Returns
+    -------
+    array
+        F. Rows: commands, (n_actuators,); forces, (substeps, n_actuators); next state. Columns: state and samples. The
+        state holds the law's, then each actuator's filter and past commands.
+    """
+    A, B, C, D = matrices
+    n, n_sensors, n_memory = len(A), B.shape[1], chain.matrix.shape[1] - 1
+    memory = np.arange(n, n + n_actuators * n_memory).reshape(n_actuators, n_memory)
+    size = n + memory.size
+    commands = np.zeros((n_actuators, size + n_sensors))
+    commands[to, :n], commands[to, size:] = C, D
+    forces, following = np.zeros((chain.substeps, *commands.shape)), np.zeros((size, size + n_sensors))
+    following[:n, :n], following[:n, size:] = A, B
+    for a in range(n_actuators):
+        own = chain.matrix[:, -1:] * commands[a]
+        own[:, memory[a]] += chain.matrix[:, :-1]
+        forces[:, a], following[memory[a]] = own[: chain.substeps], own[chain.substeps :]
+    return np.vstack([commands, forces.reshape(-1, size + n_sensors), following])
+
+
+def sensing_of(plant: Plant, sampling: Sampling, wired: Array) -> dict[str, Any]:
+    """Return the entries of `CompiledLoop` for the wired sensors.
 
     Parameters
     ----------
@@ -200,178 +154,99 @@ def samples_of(plant: Plant, sampling: Sampling, wired: Array) -> Samples:
         Plant with its sensors.
     sampling : Sampling
         Sampling of all sensors.
-    wired : (n_wired,) array of int
+    wired : (n_sensors,) array of int
         Sensors that the law reads.
+
+    Returns
+    -------
+    dict of str to object
+        Entries by name.
     """
     coil, own = sampling.hardware.velocity_sensor, sampling.only(wired)
     travel = np.full(len(plant.sensors), -1)
     addresses = np.arange(plant.model.nsensordata)[plant.travel]
     if addresses.size:
         travel[sampling.is_velocity] = addresses
-    return Samples(
-        rows=Rows.of(plant.sensor_matrix[wired]),
-        travel=travel[wired],
-        share=np.where(own.is_velocity, coil.signal_share, 1.0),
-        half=coil.linear_range / 2,
-        added=np.zeros((0, len(wired))) if own.added is None else own.added,
-        steps=np.zeros(len(wired)) if own.steps is None else own.steps,
-    )
+    return {
+        "sensing": plant.sensor_matrix[wired],
+        "travel": travel[wired],
+        "share": np.where(own.is_velocity, coil.signal_share, 1.0),
+        "steps": np.zeros(len(wired)) if own.steps is None else own.steps,
+        "half": coil.linear_range / 2,
+        "noise": np.zeros((0, len(wired))) if own.added is None else own.added,
+    }
 
 
-def law_of(matrices: Matrices, to: Array) -> Law:
-    """Return a law at rest.
-
-    Parameters
-    ----------
-    matrices : tuple of array
-        A, B, C, D of the law.
-    to : (n_outputs,) array of int
-        Actuators of the commands.
-    """
-    A, B, C, D = matrices
-    matrix = np.ascontiguousarray(np.block([[C, D], [A, B]]))
-    return Law(matrix=matrix, given=np.zeros(matrix.shape[1]), result=np.zeros(matrix.shape[0]), to=to)
-
-
-def output_of(plant: Plant, chain: Array, added: Array, *, limit: float, brakes: Array) -> Output:
-    """Return the way from commands to controls, at rest.
-
-    Parameters
-    ----------
-    plant : Plant
-        Plant with its actuators and matrices.
-    chain : array
-        Matrix of the output chain.
-    added : (n_steps, n_actuators) array
-        Force added behind the filter [N].
-    limit : float
-        Limit of the amplifiers [N]; 0 for none.
-    brakes : (n_actuators, n_sensordata) array
-        Matrix from ``sensordata`` to the forces by which the coils brake themselves.
-    """
-    none, n = np.zeros((0, 0)), added.shape[1]
-    return Output(
-        chain=np.array(chain),
-        memory=np.zeros((n, chain.shape[1])),
-        means=np.zeros((n, chain.shape[0])),
-        added=np.ascontiguousarray(added),
-        limit=float(limit),
-        brakes=Rows.of(brakes),
-        controls=Rows.of(plant.control_matrix),
-        dissipation=none if plant.dissipation is None else np.array(plant.dissipation, order="C"),
-        restoring=none if plant.restoring is None else np.array(plant.restoring, order="C"),
-        rest=plant.model.qpos0.copy(),
-    )
+def own_array(matrix: Array | None) -> Array:
+    """Return a writable copy in C order; an empty matrix for None."""
+    return np.zeros((0, 0)) if matrix is None else np.array(matrix, dtype=float, order="C")
 
 
 @compiled(error_model="numpy", fastmath=SUMS)
 def _product(matrix: Array, vector: Array, out: Array) -> None:  # pragma: no cover - compiled
-    for i in range(out.size):
+    for i in range(matrix.shape[0]):
         total = 0.0
-        for j in range(vector.size):
+        for j in range(matrix.shape[1]):
             total += matrix[i, j] * vector[j]
         out[i] = total
 
 
-@compiled(error_model="numpy")
-def _row(rows: Rows, i: int, vector: Array) -> float:  # pragma: no cover - compiled
-    total = 0.0
-    for k in range(rows.starts[i], rows.starts[i + 1]):
-        total += rows.values[k] * vector[rows.columns[k]]
-    return total
-
-
-@compiled(error_model="numpy")
-def _sample(s: Samples, sample: int, sensordata: Array, y: Array) -> None:  # pragma: no cover - compiled
-    """Write the converter's samples, see `vlab.hardware.sensing`."""
-    for i in range(s.travel.size):
-        value = _row(s.rows, i, sensordata)
-        gain = s.share[i]
-        if s.travel[i] >= 0:
-            excess = abs(sensordata[s.travel[i]]) - s.half
-            if not excess <= 0.0:
-                gain *= 1.0 / (1.0 + (excess / s.half) ** 2)
-        value *= gain
-        if s.added.shape[0] > 0:
-            value += s.added[sample, i]
-        if s.steps[i] > 0.0:
-            value = s.steps[i] * np.rint(value / s.steps[i])
-        y[i] = value
-
-
-@compiled(error_model="numpy")
-def _command(
-    s: Samples, law: Law, out: Output, sample: int, sensordata: Array, commands: Array
-) -> None:  # pragma: no cover - compiled
-    """Sample, and run the law and the output chain."""
-    outputs = law.to.size
-    states = law.result.size - outputs
-    _sample(s, sample, sensordata, law.given[states:])
-    _product(law.matrix, law.given, law.result)
-    for i in range(states):
-        law.given[i] = law.result[outputs + i]
-    for i in range(outputs):
-        commands[sample, law.to[i]] = law.result[i]
-    last = out.chain.shape[1] - 1
-    steps = out.chain.shape[0] - last
-    for a in range(commands.shape[1]):
-        out.memory[a, last] = commands[sample, a]
-        _product(out.chain, out.memory[a], out.means[a])
-        for i in range(last):
-            out.memory[a, i] = out.means[a, steps + i]
-
-
-@compiled(error_model="numpy")
-def _force(out: Output, step: int, part: int, state: State, records: Records) -> None:  # pragma: no cover - compiled
-    """Write the controls and the prescribed forces of a step."""
-    forces = records.forces[step]
-    for a in range(forces.size):
-        force = out.means[a, part] + out.added[step, a]
-        if out.limit > 0.0:
-            if abs(force) > out.limit:
-                records.over[a] += 1.0
-            force = min(max(force, -out.limit), out.limit)
-        forces[a] = force - _row(out.brakes, a, state.sensordata)
-    for i in range(state.ctrl.size):
-        state.ctrl[i] = _row(out.controls, i, forces)
-    if out.dissipation.size > 0:
-        _product(out.dissipation, state.qvel, state.applied)
-        for i in range(state.applied.size):
-            state.applied[i] = -state.applied[i]
-    elif out.restoring.size > 0:
-        for i in range(state.applied.size):
-            state.applied[i] = 0.0
-    if out.restoring.size > 0:
-        for i in range(state.applied.size):
-            total = 0.0
-            for j in range(state.qpos.size):
-                total += out.restoring[i, j] * (state.qpos[j] - out.rest[j])
-            state.applied[i] -= total
-
-
 @compiled(error_model="numpy", nogil=True)
 def _advance(
-    model: int,
-    data: int,
-    which: tuple[int, int, int, int],
-    state: State,
-    samples: Samples,
-    law: Law,
-    out: Output,
-    records: Records,
+    model: int, data: int, first: int, count: int, substeps: int, frame_every: int, c: CompiledLoop
 ) -> None:  # pragma: no cover - compiled
-    first, count, substeps, frame_every = which
+    n_actuators, n_sensors = c.forces.shape[1], c.travel.size
+    size = c.given.size - n_sensors
+    states = c.result.size - size
+    force, braking, moved, restored = c.force, c.braking, c.moved, c.restored
     for step in range(first, first + count):
         first_half(model, data)
         sample = step // substeps
         part = step - sample * substeps
         if part == 0:
-            for i in range(state.sensordata.size):
-                records.raw[sample, i] = state.sensordata[i]
+            for i in range(c.sensordata.size):
+                c.raw[sample, i] = c.sensordata[i]
             if sample % frame_every == 0:
-                for i in range(state.qpos.size):
-                    records.frames[sample // frame_every, i] = state.qpos[i]
-            if law.to.size > 0:
-                _command(samples, law, out, sample, state.sensordata, records.commands)
-        _force(out, step, part, state, records)
+                for i in range(c.qpos.size):
+                    c.frames[sample // frame_every, i] = c.qpos[i]
+        if part == 0 and n_sensors > 0:
+            _product(c.sensing, c.sensordata, c.given[size:])
+            for i in range(n_sensors):
+                value, gain = c.given[size + i], c.share[i]
+                if c.travel[i] >= 0:
+                    excess = abs(c.sensordata[c.travel[i]]) - c.half
+                    if not excess <= 0.0:  # a travel that is no number spoils the sample
+                        beyond = excess / c.half
+                        gain /= 1.0 + beyond * beyond
+                value *= gain
+                if c.noise.shape[0] > 0:
+                    value += c.noise[sample, i]
+                if c.steps[i] > 0.0:
+                    value = c.steps[i] * np.rint(value / c.steps[i])
+                c.given[size + i] = value
+            _product(c.system, c.given, c.result)
+            for i in range(size):
+                c.given[i] = c.result[states + i]
+            for i in range(n_actuators):
+                c.commands[sample, i] = c.result[i]
+        if c.brakes.shape[0] > 0:
+            _product(c.brakes, c.sensordata, braking)
+        for i in range(n_actuators):
+            value = c.added[step, i]
+            if n_sensors > 0:
+                value += c.result[(1 + part) * n_actuators + i]
+            if abs(value) > c.limit:
+                c.over[i] += 1.0
+                value = c.limit if value > 0.0 else -c.limit
+            force[i] = value - braking[i]
+            c.forces[step, i] = force[i]
+        _product(c.controls, force, c.ctrl)
+        if c.dissipation.shape[0] > 0:
+            _product(c.dissipation, c.qvel, c.generalised)
+        if c.restoring.shape[0] > 0:
+            for i in range(c.rest.size):
+                moved[i] = c.qpos[i] - c.rest[i]
+            _product(c.restoring, moved, restored)
+            for i in range(restored.size):
+                c.generalised[i] = restored[i] + (c.generalised[i] if c.dissipation.shape[0] > 0 else 0.0)
         second_half(model, data)

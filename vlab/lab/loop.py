@@ -149,7 +149,8 @@ class ControlLoop:
             raise BadExperiment(f"{steps} steps were asked of a run with {left} steps left; make the run longer")
         if self._compiled is not None:
             refuse_foreign_callback()
-            self._compiled.advance(self._done, steps)
+            addresses = self.plant.model._address, self.data._address
+            self._compiled.advance(addresses, self._done, steps, (self.substeps, self.frame_every))
         else:
             assert self._callback is not None
             with control_callback(self.data, self._callback):
@@ -243,25 +244,43 @@ class ControlLoop:
 
     def _compile(self) -> "CompiledLoop":
         """Return the compiled loop, at rest."""
-        from vlab.lab import compiled_loop as parts
+        from vlab.lab.compiled_loop import CompiledLoop, own_array, sensing_of, system_of
 
-        plant, matrices, wired, to = self.plant, None, np.zeros(0, dtype=int), np.zeros(0, dtype=int)
+        plant, data, n_actuators = self.plant, self.data, len(self.plant.actuators)
+        wired, system = np.zeros(0, dtype=int), np.zeros((0, 0))
         if self.controller is not None:
-            matrices, wired, to = plain_matrices(self.controller), self._from, self._to
+            matrices = plain_matrices(self.controller)
+            assert matrices is not None  # see `can_compile`
+            wired, system = self._from, system_of(matrices, self._to, self._chain, n_actuators)
         braked, rows = self._braked()
-        brakes = np.zeros((len(plant.actuators), plant.model.nsensordata))
+        brakes = np.zeros((n_actuators if braked else 0, plant.model.nsensordata))
         brakes[braked] = rows
-        return parts.CompiledLoop(
-            model=plant.model,
-            data=self.data,
-            substeps=self.substeps,
-            frame_every=self.frame_every,
-            samples=parts.samples_of(plant, self.sampling, wired),
-            law=parts.law_of(matrices or (np.zeros((0, 0)),) * 4, to),
-            output=parts.output_of(
-                plant, self._chain.matrix, self.added, limit=self.hardware.coil.limit, brakes=brakes
-            ),
-            records=parts.Records(self._raw, self.frames, self.commands, self.forces, self._over),
+        return CompiledLoop(
+            qpos=data.qpos,
+            qvel=data.qvel,
+            sensordata=data.sensordata,
+            ctrl=data.ctrl,
+            generalised=data.qfrc_applied,
+            **sensing_of(plant, self.sampling, wired),
+            system=system,
+            given=np.zeros(system.shape[1]),
+            result=np.zeros(system.shape[0]),
+            added=own_array(self.added),
+            limit=self.hardware.coil.limit or np.inf,
+            brakes=brakes,
+            controls=own_array(plant.control_matrix),
+            dissipation=-own_array(plant.dissipation),
+            restoring=-own_array(plant.restoring),
+            rest=plant.model.qpos0.copy(),
+            raw=self._raw,
+            frames=self.frames,
+            commands=self.commands,
+            forces=self.forces,
+            over=self._over,
+            force=np.zeros(n_actuators),
+            braking=np.zeros(n_actuators),
+            moved=np.zeros(plant.model.nq),
+            restored=np.zeros(plant.model.nv),
         )
 
     def _in_python(self) -> Callable[[Any, Any], None]:
