@@ -80,6 +80,9 @@ class Channel:
 
 
 def _frozen(array: Any, dtype: Any) -> Any:
+    """Return a read-only array: the given one if nobody can write to its memory, else a copy."""
+    if isinstance(array, np.ndarray) and array.dtype == dtype and array.flags.owndata and not array.flags.writeable:
+        return array
     out = np.array(array, dtype=dtype)
     out.setflags(write=False)
     return out

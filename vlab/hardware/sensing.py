@@ -132,10 +132,12 @@ class Sampling:
             Values, (..., n_sensors).
         """
         coil = self.hardware.velocity_sensor
-        if travel is not None or coil.signal_share < 1.0:
-            values = values.copy()
-            share = 1.0 if travel is None else coil_gain(travel, coil.linear_range)
-            values[..., self.is_velocity] *= coil.signal_share * share
+        is_linear = travel is None or bool(np.abs(travel).max(initial=0.0) <= coil.linear_range / 2)
+        if is_linear and coil.signal_share == 1.0:
+            return values
+        values = values.copy()
+        share = 1.0 if travel is None else coil_gain(travel, coil.linear_range)
+        values[..., self.is_velocity] *= coil.signal_share * share
         return values
 
     def converted(self, values: Array, at: int | slice) -> Array:

@@ -20,7 +20,7 @@ from vlab.signals import Array, Channel, Recording
 
 FRAMES_HZ = 60.0
 """FRAMES_HZ [Hz]: rate of the configurations kept for views."""
-CHUNK_STEPS = 500
+CHUNK_STEPS = 2000
 """CHUNK_STEPS [1]: integration steps between checks for divergence."""
 
 
@@ -145,11 +145,12 @@ def run_experiment(
     times = np.arange(samples) / rate
 
     def so_far() -> Result:
+        applied = loop.applied
         return Result(
-            recording=_record(experiment, loop, times, targets),
+            recording=_record(experiment, loop, times, targets, applied),
             frame_times=times[:: loop.frame_every],
             frames=loop.frames,
-            effort=actuator_efforts(plant.actuators, loop.commands, loop.applied, loop.saturated),
+            effort=actuator_efforts(plant.actuators, loop.commands, applied, loop.saturated),
             is_compiled=loop.is_compiled,
         )
 
@@ -184,10 +185,12 @@ def _pull(plant: Plant, data: Any, actuator: int, force: float) -> None:
     mujoco.mj_forward(plant.model, data)
 
 
-def _record(experiment: Experiment, loop: ControlLoop, times: Array, targets: list[int]) -> Recording:
+def _record(
+    experiment: Experiment, loop: ControlLoop, times: Array, targets: list[int], applied: Array
+) -> Recording:
     plant = experiment.plant
     excited = experiment.excitation is not None and not isinstance(experiment.excitation, Release)
-    applied, sampled = loop.applied, loop.sampled
+    sampled = loop.sampled
     channels: list[Channel] = []
     columns: list[Array] = []
     if excited and experiment.excitation is not None:
@@ -209,4 +212,6 @@ def _record(experiment: Experiment, loop: ControlLoop, times: Array, targets: li
     meta: dict[str, Any] = {"plant": plant.name, "seed": experiment.seed, "rate_hz": experiment.hardware.converter.rate}
     if excited and experiment.excitation is not None:
         meta |= experiment.excitation.facts
-    return Recording(time=times, data=np.column_stack(columns), channels=tuple(channels), meta=meta)
+    data = np.column_stack(columns)
+    data.setflags(write=False)  # the recording takes the array as its own
+    return Recording(time=times, data=data, channels=tuple(channels), meta=meta)

@@ -265,7 +265,7 @@ class ControlLoop:
             system=system,
             given=np.zeros(system.shape[1]),
             result=np.zeros(system.shape[0]),
-            added=own_array(self.added),
+            added=np.ascontiguousarray(self.added),
             limit=self.hardware.coil.limit or np.inf,
             brakes=brakes,
             controls=own_array(plant.control_matrix),
