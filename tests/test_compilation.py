@@ -71,10 +71,7 @@ def test_neither_the_installation_nor_the_home_need_be_writable(sealed_off, tmp_
 
 
 def test_nothing_at_all_need_be_writable(sealed_off):
-    assert (
-        used(sealed_off, "import vlab.compilation as c; c._temporary = lambda: iter(())", **NOWHERE)
-        == "None"
-    )
+    assert used(sealed_off, "import vlab.compilation as c; c._temporary = lambda: iter(())", **NOWHERE) == "None"
 
 
 def test_a_folder_that_others_may_write_to_is_not_used(tmp_path, monkeypatch):

@@ -99,12 +99,23 @@ def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Ro
 
 
 def stepping_rows(progress: Callable[[str], None] = lambda text: None) -> list[Row]:
-    """Time experiments beside bare steps of MuJoCo, whose ratio cannot exceed one."""
+    """Time experiments beside bare steps of MuJoCo, whose ratio is at most one.
+
+    Parameters
+    ----------
+    progress : callable
+        Receives the present work.
+
+    Returns
+    -------
+    list of Row
+        One row per plant, in CPU seconds.
+    """
     return [
         Row(
             work=t.work,
             ours_s=t.ours_s,
-            peer="bare mj_step(nstep) of the same plant, without law, sensors of the converter, and recording",
+            peer="bare mj_step(nstep) of the same plant, without law, converters and recording",
             peer_s=t.bare_s,
             ratio=t.bare_s / t.ours_s,
             real_time_factor=1.0 / t.ours_s,

@@ -185,9 +185,7 @@ def _pull(plant: Plant, data: Any, actuator: int, force: float) -> None:
     mujoco.mj_forward(plant.model, data)
 
 
-def _record(
-    experiment: Experiment, loop: ControlLoop, times: Array, targets: list[int], applied: Array
-) -> Recording:
+def _record(experiment: Experiment, loop: ControlLoop, times: Array, targets: list[int], applied: Array) -> Recording:
     plant = experiment.plant
     excited = experiment.excitation is not None and not isinstance(experiment.excitation, Release)
     sampled = loop.sampled

@@ -18,7 +18,7 @@ from vlab.hardware.laboratory import Hardware
 from vlab.hardware.output_chain import OutputChain
 from vlab.hardware.sensing import Sampling
 from vlab.lab.callback import control_callback, refuse_foreign_callback
-from vlab.physics.running import Running
+from vlab.physics.running import STAGGERED, Running
 from vlab.plants.base import Plant
 from vlab.signals import Array
 
@@ -27,27 +27,26 @@ if TYPE_CHECKING:
 
 PLAIN_LAWS = (LinearLaw, DirectRateFeedback, ObserverFeedback)
 """PLAIN_LAWS [-]: classes of laws that are nothing but their matrices, an observer without a limit."""
-HALVES = (
-    mujoco.mjtIntegrator.mjINT_EULER,
-    mujoco.mjtIntegrator.mjINT_IMPLICIT,
-    mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-)
-"""HALVES [-]: integrators of MuJoCo whose step has two halves."""
 
 
 def plain_matrices(law: Controller) -> Matrices | None:
     """Return A, B, C, D of a law that is nothing but these matrices.
 
-    The result is None for a law of another class, for a subclass with methods of its own, and for a limited observer.
-
     Parameters
     ----------
     law : Controller
         Control law.
+
+    Returns
+    -------
+    tuple of array or None
+        Matrices; None for another class, a subclass with methods of its own, and a limited observer.
     """
     own = ("step", "reset", "matrices")
     for known in PLAIN_LAWS:
-        if all(getattr(type(law), name, None) is getattr(known, name) for name in own) and not set(own) & set(vars(law)):
+        if all(getattr(type(law), name, None) is getattr(known, name) for name in own) and not set(own) & set(
+            vars(law)
+        ):
             return None if getattr(law, "limit", None) is not None else law.matrices  # type: ignore[attr-defined]
     return None
 
@@ -55,8 +54,8 @@ def plain_matrices(law: Controller) -> Matrices | None:
 def can_compile(plant: Plant, controller: Controller | None) -> bool:
     """Return whether the compiled loop covers a plant and a law.
 
-    The law is linear or absent, no effect is attached, the integrator's step has two halves, no sensor reads an
-    acceleration, and compiled code finds MuJoCo's library.
+    The law is linear or absent, and no effect is attached. MuJoCo's step has two halves, which Runge-Kutta has not. No
+    sensor reads an acceleration. Compiled code finds MuJoCo's library.
 
     Parameters
     ----------
@@ -64,11 +63,16 @@ def can_compile(plant: Plant, controller: Controller | None) -> bool:
         Plant with its effects.
     controller : Controller or None
         Control law; None for no feedback.
+
+    Returns
+    -------
+    bool
+        True for the compiled loop, False for the loop in Python.
     """
     model = plant.model
     if plant.physics or (controller is not None and plain_matrices(controller) is None):
         return False
-    if model.opt.integrator not in HALVES or model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION:
+    if model.opt.integrator not in STAGGERED or model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION:
         return False
     if np.any(model.sensor_needstage == mujoco.mjtStage.mjSTAGE_ACC):
         return False
@@ -391,7 +395,12 @@ class ControlLoop:
 
         The model covers the limit, and braking without current control.
         """
-        limit, sensordata, over, (braked, rows) = self.hardware.coil.limit, self.data.sensordata, self._over, self._braked()
+        limit, sensordata, over, (braked, rows) = (
+            self.hardware.coil.limit,
+            self.data.sensordata,
+            self._over,
+            self._braked(),
+        )
         if not limit and not braked:
             return None
 

@@ -5,6 +5,7 @@ numba functions call the C functions `mj_step1` and `mj_step2` of MuJoCo's libra
 """
 
 from pathlib import Path
+from typing import Any
 
 import mujoco
 from llvmlite import binding
@@ -30,7 +31,7 @@ IS_AVAILABLE = _load()
 """IS_AVAILABLE [-]: whether compiled code can call MuJoCo; false where its library lies outside the package. Calling the
 functions below without the library ends the process."""
 _SIGNATURE = types.void(types.intp, types.intp)
-first_half = types.ExternalFunction("mj_step1", _SIGNATURE)
+first_half: Any = types.ExternalFunction("mj_step1", _SIGNATURE)
 """First half of a step: kinematics and sensors; arguments are the addresses of model and data."""
-second_half = types.ExternalFunction("mj_step2", _SIGNATURE)
+second_half: Any = types.ExternalFunction("mj_step2", _SIGNATURE)
 """Second half of a step: forces and integration; arguments as those of `first_half`."""
