@@ -43,11 +43,12 @@ def plain_matrices(law: Controller) -> Matrices | None:
         Matrices; None for another class, a subclass with methods of its own, and a limited observer.
     """
     own = ("step", "reset", "matrices")
+    if set(own) & set(getattr(law, "__dict__", ())) or getattr(law, "limit", None) is not None:
+        return None
     for known in PLAIN_LAWS:
-        if all(getattr(type(law), name, None) is getattr(known, name) for name in own) and not set(own) & set(
-            vars(law)
-        ):
-            return None if getattr(law, "limit", None) is not None else law.matrices  # type: ignore[attr-defined]
+        if all(getattr(type(law), name, None) is getattr(known, name) for name in own):
+            matrices: Matrices = getattr(law, "matrices")  # noqa: B009 - no member of every law
+            return matrices
     return None
 
 
