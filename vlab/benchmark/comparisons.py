@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from vlab.benchmark.designs import design_timings
-from vlab.benchmark.stepping import stepping_times
+from vlab.benchmark.stepping import linear_times, stepping_times
 from vlab.cases.case import load_case
 from vlab.controllers import Controller, LinearLaw
 from vlab.diagnose.inference.least_squares import LeastSquares
@@ -99,7 +99,9 @@ def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Ro
 
 
 def stepping_rows(progress: Callable[[str], None] = lambda text: None) -> list[Row]:
-    """Time experiments beside bare steps of MuJoCo, whose ratio is at most one.
+    """Time experiments beside bare steps of MuJoCo, and on linear plants beside python-control.
+
+    Beside bare steps the ratio is at most one.
 
     Parameters
     ----------
@@ -115,12 +117,12 @@ def stepping_rows(progress: Callable[[str], None] = lambda text: None) -> list[R
         Row(
             work=t.work,
             ours_s=t.ours_s,
-            peer="bare mj_step(nstep) of the same plant, without law, converters and recording",
-            peer_s=t.bare_s,
-            ratio=t.bare_s / t.ours_s,
+            peer=t.peer,
+            peer_s=t.peer_s,
+            ratio=t.ratio,
             real_time_factor=1.0 / t.ours_s,
         )
-        for t in stepping_times(progress=progress)
+        for t in (*stepping_times(progress=progress), *linear_times(progress=progress))
     ]
 
 

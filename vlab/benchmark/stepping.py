@@ -1,14 +1,15 @@
-"""CPU times of whole experiments beside bare steps of MuJoCo."""
+"""CPU times of whole experiments beside bare steps of MuJoCo and beside python-control."""
 
-import statistics
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import mujoco
+import numpy as np
 
+from vlab.fe import build_fe_model
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Multisine
 from vlab.lab.laws import published_law
@@ -25,39 +26,40 @@ STRUCTURES, PLANTS = ("beam", "grid"), ("composite", "modal", "fe")
 
 @dataclass(frozen=True, kw_only=True)
 class Stepping:
-    """CPU times of an experiment and of bare steps [s per simulated second]."""
+    """CPU times of an experiment and of its peer [s per simulated second], and peer over ours."""
 
     work: str
     ours_s: float
-    bare_s: float
+    peer: str
+    peer_s: float
+    ratio: float
 
 
-def cpu_medians(works: Sequence[Callable[[], Any]], runs: int) -> list[float]:
-    """Return the median CPU time of several works [s].
+def cpu_times(ours: Callable[[], Any], peer: Callable[[], Any], runs: int) -> tuple[float, float, float]:
+    """Return the CPU times of two works and their ratio, medians over all turns.
 
-    The works take turns, so a slow phase of the machine meets all of them.
+    The works take turns, so a slow phase of the machine meets both.
 
     Parameters
     ----------
-    works : sequence of callable
+    ours, peer : callable
         Works; each runs once before its time is taken.
     runs : int
         Number of turns.
 
     Returns
     -------
-    list of float
-        One median a work.
+    tuple of float
+        Time of both works [s], and peer over ours of one turn.
     """
-    taken: list[list[float]] = [[] for _ in works]
-    for work in works:
-        work()
-    for _ in range(runs):
-        for work, times in zip(works, taken, strict=True):
+    taken = np.zeros((runs + 1, 2))
+    for turn in range(runs + 1):
+        for column, work in enumerate((ours, peer)):
             begun = time.process_time()
             work()
-            times.append(time.process_time() - begun)
-    return [statistics.median(times) for times in taken]
+            taken[turn, column] = time.process_time() - begun
+    ours_s, peer_s = np.median(taken[1:], axis=0)
+    return float(ours_s), float(peer_s), float(np.median(taken[1:, 1] / taken[1:, 0]))
 
 
 def stepping_times(*, progress: Callable[[str], None] = lambda text: None) -> Iterator[Stepping]:
@@ -84,12 +86,50 @@ def stepping_times(*, progress: Callable[[str], None] = lambda text: None) -> It
             excitation = Multisine(level=0.2, period_s=SECONDS, seed=1)
             experiment = Experiment(plant=plant, seconds=SECONDS, excitation=excitation, controller=law)
             steps = round(SECONDS / plant.timestep)
-            ours_s, bare_s = cpu_medians([partial(run_experiment, experiment), partial(_bare, plant, steps)], RUNS)
+            ours_s, bare_s, ratio = cpu_times(partial(run_experiment, experiment), partial(_bare, plant, steps), RUNS)
             yield Stepping(
                 work=f"{structure}, {name} plant, MFDRF at 2 kHz: an experiment, CPU seconds per simulated second",
                 ours_s=ours_s / SECONDS,
-                bare_s=bare_s / SECONDS,
+                peer="bare mj_step(nstep) of the same plant, without law, converters and recording",
+                peer_s=bare_s / SECONDS,
+                ratio=ratio,
             )
+
+
+def linear_times(*, progress: Callable[[str], None] = lambda text: None) -> Iterator[Stepping]:
+    """Time an experiment on a linear plant beside python-control.
+
+    Both simulate the response to one force without a law.
+
+    Parameters
+    ----------
+    progress : callable
+        Receives the present work.
+
+    Yields
+    ------
+    Stepping
+        Times of one structure.
+    """
+    import control
+
+    for structure in STRUCTURES:
+        progress(f"steps of the {structure}'s linear plant")
+        built = load_structure(structure)
+        plant, fe = build_plant(built, "linear"), build_fe_model(built)
+        excitation = Multisine(level=0.2, period_s=SECONDS, seed=1)
+        experiment = Experiment(plant=plant, seconds=SECONDS, excitation=excitation)
+        model = control.StateSpace(*fe.linear.state_matrices(fe.coils[:, :1], fe.coils.T))
+        times = np.arange(round(SECONDS / plant.timestep)) * plant.timestep
+        theirs = partial(control.forced_response, model, times, excitation.sample(times))
+        ours_s, peer_s, ratio = cpu_times(partial(run_experiment, experiment), theirs, RUNS)
+        yield Stepping(
+            work=f"{structure}, linear plant, no law: an experiment, CPU seconds per simulated second",
+            ours_s=ours_s / SECONDS,
+            peer=f"control.forced_response on the FE model of {len(model.A)} states",
+            peer_s=peer_s / SECONDS,
+            ratio=ratio,
+        )
 
 
 def _bare(plant: Plant, steps: int) -> None:

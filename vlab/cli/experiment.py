@@ -45,7 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the plan; may be repeated (default: none)",
     )
     parser.add_argument(
-        "--plant", default=default.plant, help="simulate this plant: composite (default), fe (grid only) or modal"
+        "--plant",
+        default=default.plant,
+        help="simulate this plant: composite (default), fe (grid only), modal, or linear (exact steps, the fastest; linear laws "
+        "and no effects)",
     )
     parser.add_argument(
         "--variant",

@@ -6,8 +6,8 @@ sample and the mean forces f of the sample's steps,
     [u, f, z+] = F [z, y].
 
 Between the two halves of a MuJoCo step the function samples the sensors, evaluates F, limits and brakes the forces, writes
-the controls and records. Sums have another order than numpy's, so results agree with those of the loop in Python to
-rounding.
+the controls and records. A linear plant takes exact steps in place of MuJoCo's. Sums have another order than numpy's, so
+results agree with those of the loop in Python to rounding.
 """
 
 from typing import Any, NamedTuple
@@ -20,6 +20,7 @@ from vlab.hardware.output_chain import OutputChain
 from vlab.hardware.sensing import Sampling
 from vlab.plants.base import Plant
 from vlab.plants.compiled_steps import first_half, second_half
+from vlab.plants.linear import ExactMotion
 from vlab.signals import Array
 
 SUMS = {"contract", "reassoc"}
@@ -59,6 +60,8 @@ class CompiledLoop(NamedTuple):
         Matrices of the plant; empty for none.
     rest : (nq,) array
         Configuration without restoring force.
+    modes, spin, drive, readout, positions, velocities : array
+        State and matrices of a linear plant, see `exact_of`; empty for a plant in MuJoCo's steps.
     raw, frames, commands, forces, over : array
         Records of `vlab.lab.loop.ControlLoop`: ``sensordata`` and commands a sample, configurations, forces a step, and
         steps beyond the limit.
@@ -85,6 +88,12 @@ class CompiledLoop(NamedTuple):
     dissipation: Array
     restoring: Array
     rest: Array
+    modes: Array
+    spin: Array
+    drive: Array
+    readout: Array
+    positions: Array
+    velocities: Array
     raw: Array
     frames: Array
     commands: Array
@@ -177,6 +186,34 @@ def sensing_of(plant: Plant, sampling: Sampling, wired: Array) -> dict[str, Any]
     }
 
 
+def exact_of(motion: ExactMotion | None) -> dict[str, Array]:
+    """Return the entries of `CompiledLoop` for the steps of a linear plant.
+
+    Parameters
+    ----------
+    motion : ExactMotion or None
+        Steps in complex modes; None for a plant in MuJoCo's steps.
+
+    Returns
+    -------
+    dict of str to array
+        Entries by name. `modes` holds real and imaginary parts of z, one after the other.
+    """
+    if motion is None:
+        empty = {name: np.zeros((0, 0)) for name in ("spin", "drive", "readout", "positions", "velocities")}
+        return {"modes": np.zeros(0), **empty}
+    return {
+        "modes": np.zeros(2 * motion.rotation.size),
+        "spin": np.array([motion.rotation.real, motion.rotation.imag]),
+        "drive": np.ascontiguousarray(np.vstack([motion.drive.real, motion.drive.imag]).T),
+        **{
+            name: np.ascontiguousarray(np.hstack([matrix.real, -matrix.imag]))
+            for name in ("readout", "positions", "velocities")
+            for matrix in (getattr(motion, name),)
+        },
+    }
+
+
 def own_array(matrix: Array | None) -> Array:
     """Return a writable copy in C order; an empty matrix for None."""
     return np.zeros((0, 0)) if matrix is None else np.array(matrix, dtype=float, order="C")
@@ -191,22 +228,46 @@ def _product(matrix: Array, vector: Array, out: Array) -> None:  # pragma: no co
         out[i] = total
 
 
+@compiled(error_model="numpy")
+def _positions(c: CompiledLoop) -> None:  # pragma: no cover - compiled
+    _product(c.positions, c.modes, c.qpos)
+    for i in range(c.rest.size):
+        c.qpos[i] += c.rest[i]
+
+
+@compiled(error_model="numpy", fastmath=SUMS)
+def _step(c: CompiledLoop, force: Array) -> None:  # pragma: no cover - compiled
+    m = c.spin.shape[1]
+    for k in range(m):
+        real, imaginary = c.modes[k], c.modes[m + k]
+        c.modes[k] = c.spin[0, k] * real - c.spin[1, k] * imaginary
+        c.modes[m + k] = c.spin[1, k] * real + c.spin[0, k] * imaginary
+    for i in range(force.size):
+        for k in range(2 * m):
+            c.modes[k] += c.drive[i, k] * force[i]
+
+
 @compiled(error_model="numpy", nogil=True)
 def _advance(
     model: int, data: int, first: int, count: int, substeps: int, frame_every: int, c: CompiledLoop
 ) -> None:  # pragma: no cover - compiled
     n_actuators, n_sensors = c.forces.shape[1], c.travel.size
     size = c.given.size - n_sensors
-    states = c.result.size - size
+    states, m = c.result.size - size, c.spin.shape[1]
     force, braking, moved, restored = c.force, c.braking, c.moved, c.restored
     for step in range(first, first + count):
-        first_half(model, data)
         sample = step // substeps
         part = step - sample * substeps
+        if m == 0:
+            first_half(model, data)
+        elif part == 0 or c.brakes.shape[0] > 0:
+            _product(c.readout, c.modes, c.sensordata)
         if part == 0:
             for i in range(c.sensordata.size):
                 c.raw[sample, i] = c.sensordata[i]
             if sample % frame_every == 0:
+                if m > 0:
+                    _positions(c)
                 for i in range(c.qpos.size):
                     c.frames[sample // frame_every, i] = c.qpos[i]
         if part == 0 and n_sensors > 0:
@@ -240,6 +301,9 @@ def _advance(
                 value = c.limit if value > 0.0 else -c.limit
             force[i] = value - braking[i]
             c.forces[step, i] = force[i]
+        if m > 0:
+            _step(c, force)
+            continue
         _product(c.controls, force, c.ctrl)
         if c.dissipation.shape[0] > 0:
             _product(c.dissipation, c.qvel, c.generalised)
@@ -250,3 +314,6 @@ def _advance(
             for i in range(restored.size):
                 c.generalised[i] = restored[i] + (c.generalised[i] if c.dissipation.shape[0] > 0 else 0.0)
         second_half(model, data)
+    if m > 0:
+        _positions(c)
+        _product(c.velocities, c.modes, c.qvel)

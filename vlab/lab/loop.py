@@ -20,6 +20,7 @@ from vlab.hardware.sensing import Sampling
 from vlab.lab.callback import control_callback, refuse_foreign_callback
 from vlab.physics.running import STAGGERED, Running
 from vlab.plants.base import Plant
+from vlab.plants.linear import LinearPlant
 from vlab.signals import Array
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def can_compile(plant: Plant, controller: Controller | None) -> bool:
     """Return whether the compiled loop covers a plant and a law.
 
     The law is linear or absent, and no effect is attached. MuJoCo's step has two halves, which Runge-Kutta has not. No
-    sensor reads an acceleration. Compiled code finds MuJoCo's library.
+    sensor reads an acceleration. Compiled code finds MuJoCo's library. A linear plant runs in this loop only.
 
     Parameters
     ----------
@@ -128,7 +129,12 @@ class ControlLoop:
         self._chain = OutputChain(hardware.converter, channels=n_actuators, substeps=substeps)
         if controller is not None:
             self._check_law(controller)
+        self._motion = plant.motion if isinstance(plant, LinearPlant) else None
         self._compiled = self._compile() if can_compile(plant, controller) else None
+        if self._motion is not None and self._compiled is None:
+            raise BadExperiment(
+                "the plant 'linear' runs in the compiled loop only: with a linear law or none, and without effects; use the plant 'modal'"
+            )
         self._callback = None if self.is_compiled else self._in_python()
 
     @property
@@ -154,8 +160,13 @@ class ControlLoop:
             raise BadExperiment(f"{steps} steps were asked of a run with {left} steps left; make the run longer")
         if self._compiled is not None:
             refuse_foreign_callback()
+            if self._motion is not None and self._done == 0:
+                self._compiled.modes[:] = self._motion.start(self.data.qpos - self.plant.model.qpos0, self.data.qvel)
             addresses = self.plant.model._address, self.data._address
             self._compiled.advance(addresses, self._done, steps, (self.substeps, self.frame_every))
+            if self._motion is not None:
+                self.data.time = (self._done + steps) * self.plant.timestep
+                mujoco.mj_checkPos(self.plant.model, self.data)  # MuJoCo's own steps look for divergence, too
         else:
             assert self._callback is not None
             with control_callback(self.data, self._callback):
@@ -249,8 +260,9 @@ class ControlLoop:
 
     def _compile(self) -> "CompiledLoop":
         """Return the compiled loop, at rest."""
-        from vlab.lab.compiled_loop import CompiledLoop, own_array, sensing_of, system_of
+        from vlab.lab.compiled_loop import CompiledLoop, exact_of, own_array, sensing_of, system_of
 
+        motion = self._motion
         plant, data, n_actuators = self.plant, self.data, len(self.plant.actuators)
         wired, system = np.zeros(0, dtype=int), np.zeros((0, 0))
         if self.controller is not None:
@@ -274,9 +286,10 @@ class ControlLoop:
             limit=self.hardware.coil.limit or np.inf,
             brakes=brakes,
             controls=own_array(plant.control_matrix),
-            dissipation=-own_array(plant.dissipation),
-            restoring=-own_array(plant.restoring),
+            dissipation=-own_array(None if motion else plant.dissipation),
+            restoring=-own_array(None if motion else plant.restoring),
             rest=plant.model.qpos0.copy(),
+            **exact_of(motion),
             raw=self._raw,
             frames=self.frames,
             commands=self.commands,

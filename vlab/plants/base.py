@@ -98,7 +98,7 @@ class Plant:
     Parameters
     ----------
     name : str
-        ``"composite"``, ``"modal"`` or ``"mjcf"``.
+        ``"composite"``, ``"fe"``, ``"linear"``, ``"modal"`` or ``"mjcf"``.
     model : mujoco.MjModel
         Compiled model; its initial configuration is the equilibrium.
     spec : mujoco.MjSpec
