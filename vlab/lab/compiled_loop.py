@@ -186,7 +186,7 @@ def sensing_of(plant: Plant, sampling: Sampling, wired: Array) -> dict[str, Any]
     }
 
 
-def exact_of(motion: ExactMotion | None) -> dict[str, Array]:
+def exact_of(motion: ExactMotion | None) -> dict[str, Any]:
     """Return the entries of `CompiledLoop` for the steps of a linear plant.
 
     Parameters
