@@ -138,6 +138,16 @@ def test_law_and_chain_are_one_system(laboratory):
         z = result[16:]
 
 
+def test_a_law_without_sensors_acts(monkeypatch, plants):
+    law = LinearLaw(
+        np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((1, 0)), np.zeros((1, 0)), sensors=(), actuators=("base",)
+    )
+    generator = LinearLaw([[1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0)), sensors=(), actuators=("base",))
+    for one in (law, generator):
+        run = Experiment(plant=plants["beam", "modal"], seconds=0.1, controller=one, excitation=Multisine(level=0.1))
+        assert_equal_runs(*on_both_paths(monkeypatch, run))
+
+
 class Louder(LinearLaw):
     """A linear law with a step of its own."""
 
@@ -211,3 +221,12 @@ def test_a_run_ends_with_its_last_step(modal, laboratory):
         run.advance(6)
         with pytest.raises(BadExperiment, match="1 steps were asked of a run with 0 steps left"):
             run.advance(1)
+
+
+def test_forces_of_another_length_are_refused(modal, laboratory):
+    is_velocity = np.array([tap.kind == "velocity" for tap in modal.sensors])
+    sampling = Sampling.draw(laboratory, is_velocity, 10, np.random.default_rng(0))
+    with pytest.raises(BadExperiment, match="do not fit 10 samples of 2 steps"):
+        ControlLoop(
+            modal, laboratory, None, added=np.zeros((10, 3)), sampling=sampling, samples=10, substeps=2, frame_every=5
+        )

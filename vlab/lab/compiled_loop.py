@@ -253,7 +253,7 @@ def _advance(
 ) -> None:  # pragma: no cover - compiled
     n_actuators, n_sensors = c.forces.shape[1], c.travel.size
     size = c.given.size - n_sensors
-    states, m = c.result.size - size, c.spin.shape[1]
+    states, m, has_law = c.result.size - size, c.spin.shape[1], c.system.shape[0] > 0
     force, braking, moved, restored = c.force, c.braking, c.moved, c.restored
     for step in range(first, first + count):
         sample = step // substeps
@@ -270,7 +270,7 @@ def _advance(
                     _positions(c)
                 for i in range(c.qpos.size):
                     c.frames[sample // frame_every, i] = c.qpos[i]
-        if part == 0 and n_sensors > 0:
+        if part == 0 and has_law:
             _product(c.sensing, c.sensordata, c.given[size:])
             for i in range(n_sensors):
                 value, gain = c.given[size + i], c.share[i]
@@ -294,7 +294,7 @@ def _advance(
             _product(c.brakes, c.sensordata, braking)
         for i in range(n_actuators):
             value = c.added[step, i]
-            if n_sensors > 0:
+            if has_law:
                 value += c.result[(1 + part) * n_actuators + i]
             if abs(value) > c.limit:
                 c.over[i] += 1.0

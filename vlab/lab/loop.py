@@ -87,7 +87,8 @@ class ControlLoop:
     """Wiring and memory of one experiment.
 
     `advance` runs integration steps, on the path that `is_compiled` names. Between two samples the loop applies stored
-    mean forces only. In Python, a repeated step (`mj_forward`, stages of a Runge-Kutta step) changes nothing.
+    mean forces only. In Python, a repeated step (`mj_forward`, stages of a Runge-Kutta step) changes nothing. The
+    compiled loop has a memory of its own and leaves the law at rest.
 
     Parameters
     ----------
@@ -101,6 +102,13 @@ class ControlLoop:
         Number of samples, and integration steps per sample.
     frame_every : int
         Samples between stored configurations, for views.
+
+    Raises
+    ------
+    BadExperiment
+        Forces or noise have another length, or a linear plant has effects or a law in Python.
+    BadController
+        The law does not fit the plant or the rate.
     """
 
     def __init__(
@@ -115,6 +123,8 @@ class ControlLoop:
         substeps: int,
         frame_every: int,
     ) -> None:
+        if len(added) != samples * substeps or (sampling.added is not None and len(sampling.added) < samples):
+            raise BadExperiment(f"forces and noise do not fit {samples} samples of {substeps} steps; draw them anew")
         self.plant, self.hardware, self.controller, self.sampling = plant, hardware, controller, sampling
         self.added, self.substeps, self.frame_every = added, substeps, frame_every
         self.data = plant.new_data()
