@@ -99,7 +99,7 @@ def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Ro
 
 
 def stepping_rows(progress: Callable[[str], None] = lambda text: None) -> list[Row]:
-    """Time experiments beside bare steps of MuJoCo, and on linear plants beside python-control.
+    """Time experiments beside bare steps of MuJoCo and beside python-control.
 
     Beside bare steps the ratio is at most one.
 
