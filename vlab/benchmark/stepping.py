@@ -26,7 +26,10 @@ STRUCTURES, PLANTS = ("beam", "grid"), ("composite", "modal", "fe")
 
 @dataclass(frozen=True, kw_only=True)
 class Stepping:
-    """CPU times of an experiment and of its peer [s per simulated second], and peer over ours."""
+    """CPU times of an experiment and of its peer [s per simulated second].
+
+    The ratio is peer over ours.
+    """
 
     work: str
     ours_s: float
