@@ -229,22 +229,22 @@ def _product(matrix: Array, vector: Array, out: Array) -> None:  # pragma: no co
 
 
 @compiled(error_model="numpy")
-def _positions(c: CompiledLoop) -> None:  # pragma: no cover - compiled
-    _product(c.positions, c.modes, c.qpos)
-    for i in range(c.rest.size):
-        c.qpos[i] += c.rest[i]
+def _place(positions: Array, modes: Array, rest: Array, qpos: Array) -> None:  # pragma: no cover - compiled
+    _product(positions, modes, qpos)
+    for i in range(rest.size):
+        qpos[i] += rest[i]
 
 
 @compiled(error_model="numpy", fastmath=SUMS)
-def _step(c: CompiledLoop, force: Array) -> None:  # pragma: no cover - compiled
-    m = c.spin.shape[1]
+def _step(spin: Array, drive: Array, force: Array, modes: Array) -> None:  # pragma: no cover - compiled
+    m = spin.shape[1]
     for k in range(m):
-        real, imaginary = c.modes[k], c.modes[m + k]
-        c.modes[k] = c.spin[0, k] * real - c.spin[1, k] * imaginary
-        c.modes[m + k] = c.spin[1, k] * real + c.spin[0, k] * imaginary
+        real, imaginary = modes[k], modes[m + k]
+        modes[k] = spin[0, k] * real - spin[1, k] * imaginary
+        modes[m + k] = spin[1, k] * real + spin[0, k] * imaginary
     for i in range(force.size):
         for k in range(2 * m):
-            c.modes[k] += c.drive[i, k] * force[i]
+            modes[k] += drive[i, k] * force[i]
 
 
 @compiled(error_model="numpy", nogil=True)
@@ -267,7 +267,7 @@ def _advance(
                 c.raw[sample, i] = c.sensordata[i]
             if sample % frame_every == 0:
                 if m > 0:
-                    _positions(c)
+                    _place(c.positions, c.modes, c.rest, c.qpos)
                 for i in range(c.qpos.size):
                     c.frames[sample // frame_every, i] = c.qpos[i]
         if part == 0 and has_law:
@@ -302,7 +302,7 @@ def _advance(
             force[i] = value - braking[i]
             c.forces[step, i] = force[i]
         if m > 0:
-            _step(c, force)
+            _step(c.spin, c.drive, force, c.modes)
             continue
         _product(c.controls, force, c.ctrl)
         if c.dissipation.shape[0] > 0:
@@ -315,5 +315,5 @@ def _advance(
                 c.generalised[i] = restored[i] + (c.generalised[i] if c.dissipation.shape[0] > 0 else 0.0)
         second_half(model, data)
     if m > 0:
-        _positions(c)
+        _place(c.positions, c.modes, c.rest, c.qpos)
         _product(c.velocities, c.modes, c.qvel)
