@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from vlab.benchmark import comparisons, stepping
 from vlab.benchmark import designs as bench_designs
 from vlab.design import performance
 from vlab.design.published_tables import published_design, published_table
@@ -23,3 +24,17 @@ def test_slsqp_never_beats_the_design(fe):
     found = bench_designs.with_slsqp(fe, lambda D: float(performance.force_bounds(D).max()), seed=0)
     # SLSQP may use the slack of 1e-3 in the damping that `with_slsqp` allows it
     assert found >= mfdrf.design(fe).objective * (1 - 2e-3)
+
+
+def test_every_plant_is_timed_beside_its_peer(monkeypatch):
+    for name, value in (("SECONDS", 0.05), ("RUNS", 2), ("STRUCTURES", ("beam",))):
+        monkeypatch.setattr(stepping, name, value)
+    rows = comparisons.stepping_rows()
+    assert [row.work.partition(" plant")[0] for row in rows] == [
+        "beam, composite",
+        "beam, modal",
+        "beam, fe",
+        "beam, linear",
+    ]
+    assert all(row.ours_s > 0 and row.peer_s > 0 and row.ratio > 0 for row in rows)
+    assert comparisons.as_document(rows)["rows"][3]["peer"].startswith("control.forced_response")

@@ -9,6 +9,7 @@ ROOMS = [
     "vlab.errors",
     "vlab.interrupts",
     "vlab.units",
+    "vlab.compilation",
     "vlab.files",
     "vlab.signals",
     "vlab.structure",

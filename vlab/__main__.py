@@ -10,6 +10,9 @@ from vlab.interrupts import LeavingAtOnce
 def main() -> int:
     """Run the command of the process's arguments; return its exit status."""
     with LeavingAtOnce():
+        if sys.argv[1:] == ["--version"]:  # without the imports of the command line
+            print(f"vlab {vlab.__version__}")
+            return 0
         if "_ARGCOMPLETE" in os.environ:  # the shell asks for completions
             from vlab.cli.completion import answer_shell
 

@@ -80,6 +80,9 @@ class Channel:
 
 
 def _frozen(array: Any, dtype: Any) -> Any:
+    """Return a read-only array, without a copy of a read-only owner of its memory."""
+    if isinstance(array, np.ndarray) and array.dtype == dtype and array.flags.owndata and not array.flags.writeable:
+        return array
     out = np.array(array, dtype=dtype)
     out.setflags(write=False)
     return out

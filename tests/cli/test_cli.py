@@ -143,6 +143,7 @@ def test_experiment_document_names_its_channels(capsys, tmp_path):
     document = json.loads(out)
     assert status == 0
     assert document["real_time_factor"] > 0
+    assert document["is_compiled"]
     assert "probe:30in" in document["channels"]
 
 

@@ -50,7 +50,7 @@ def experiment(
         Control law in the loop: a published name, a ``controller.toml``, ``"path/to/law.py:CLASS"`` or ``"entry:NAME"``;
         none by default.
     plant, variant : str
-        Plant (``"composite"``, ``"fe"``, ``"modal"``) and variant of the structure.
+        Plant (``"composite"``, ``"fe"``, ``"linear"``, ``"modal"``) and variant of the structure.
     model : str
         Model on which the law is designed again; by default the published design applies.
     excite : str

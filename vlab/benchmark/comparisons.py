@@ -10,6 +10,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from vlab.benchmark.designs import design_timings
+from vlab.benchmark.stepping import linear_times, stepping_times
 from vlab.cases.case import load_case
 from vlab.controllers import Controller, LinearLaw
 from vlab.diagnose.inference.least_squares import LeastSquares
@@ -39,7 +40,8 @@ OURS_S, PEER_S = 10.0, 1.0
 class Row:
     """Comparison of elapsed times.
 
-    Times are elapsed seconds per simulated second, or per design without a real-time factor.
+    Times are elapsed seconds per simulated second, or per design without a real-time factor. Where `work` says so they
+    are CPU seconds.
     """
 
     work: str
@@ -86,6 +88,7 @@ def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Ro
                 real_time_factor=1.0 / ours_s,
             )
         )
+    rows += stepping_rows(progress)
     progress("one tick of a 24-state LQG")
     rows += [tick_row(), *design_rows(progress)]
     if not HAS_SYSID:
@@ -93,6 +96,34 @@ def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Ro
         return rows
     progress("a refit to real recordings, and a whole diagnosis, some minutes")
     return [*rows, *refit_rows()]
+
+
+def stepping_rows(progress: Callable[[str], None] = lambda text: None) -> list[Row]:
+    """Time experiments beside bare steps of MuJoCo and beside python-control.
+
+    Beside bare steps the ratio is at most one.
+
+    Parameters
+    ----------
+    progress : callable
+        Receives the present work.
+
+    Returns
+    -------
+    list of Row
+        One row per plant, in CPU seconds.
+    """
+    return [
+        Row(
+            work=t.work,
+            ours_s=t.ours_s,
+            peer=t.peer,
+            peer_s=t.peer_s,
+            ratio=t.ratio,
+            real_time_factor=1.0 / t.ours_s,
+        )
+        for t in (*stepping_times(progress=progress), *linear_times(progress=progress))
+    ]
 
 
 def refit_rows() -> list[Row]:

@@ -5,13 +5,14 @@ import contextlib
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
-
-from tqdm import tqdm
+from typing import TYPE_CHECKING, Any
 
 from vlab.api.progress import SHARE_FORMAT, share_of
 from vlab.files.text import in_line
 from vlab.interrupts import Noted
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 LOG_S = 30.0
 """LOG_S [s]: time between two lines of progress in a log."""
@@ -103,8 +104,10 @@ class _Lines:
         sys.stderr.flush()
 
 
-def _bar(**settings: Any) -> tqdm:
+def _bar(**settings: Any) -> "tqdm":
     """Return a progress bar on stderr."""
+    from tqdm import tqdm
+
     if sys.stderr.isatty():
         return tqdm(file=sys.stderr, leave=False, **settings)
     return tqdm(

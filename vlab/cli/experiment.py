@@ -45,7 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the plan; may be repeated (default: none)",
     )
     parser.add_argument(
-        "--plant", default=default.plant, help="simulate this plant: composite (default), fe (grid only) or modal"
+        "--plant",
+        default=default.plant,
+        help="simulate this plant: composite (default), fe (grid only), modal, or linear (exact steps, the fastest; linear laws "
+        "and no effects)",
     )
     parser.add_argument(
         "--variant",
@@ -242,6 +245,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     document: dict[str, Any] = {
         "out": str(out),
         "real_time_factor": done.real_time_factor,
+        "is_compiled": done.result.is_compiled,
         "channels": list(names),
     }
     document["faults"] = [asdict(fault) for fault in prepared.faults]
@@ -253,8 +257,9 @@ def run(arguments: argparse.Namespace) -> Outcome:
     text += loop_text(document)
     text += period_text(prepared.experiment.excitation, settings.seconds)
     text += f"{fitting.words}\n" if fitting.words else ""
+    loop = "in the compiled loop" if done.result.is_compiled else "in the Python loop"
     text += (
-        f"{settings.seconds:g} s simulated at {done.real_time_factor:.0f} x real time; {len(names)} channels: {', '.join(names)}\n"
+        f"{settings.seconds:g} s simulated at {done.real_time_factor:.0f} x real time {loop}; {len(names)} channels: {', '.join(names)}\n"
         f"written to {out}: {', '.join(files)}   (vlab show {out})"
     )
     return Outcome(document=document, text=text)

@@ -16,7 +16,6 @@ from vlab.errors import BadExperiment
 from vlab.hardware import load_hardware
 from vlab.hardware.back_emf import brake_plant
 from vlab.hardware.sensing import Sampling
-from vlab.lab.callback import control_callback
 from vlab.lab.loop import ControlLoop
 from vlab.physics.attach import attach
 from vlab.physics.spec import parse_effect
@@ -204,8 +203,7 @@ class StructureEnv(gymnasium.Env):
         data, model = self._loop.data, self._plant.model
         given = np.clip(np.asarray(action, dtype=float), -1.0, 1.0)
         self._held.forces = self._limit * given
-        with control_callback(data, self._loop.callback):
-            mujoco.mj_step(model, data, nstep=self._per_decision * self._substeps)
+        self._loop.advance(self._per_decision * self._substeps)
         self._done += 1
         check_run(model, data, self._done * self._period)
         mujoco.mj_forward(model, data)  # sensors at the end of the step, without the callback

@@ -15,7 +15,6 @@ import sys
 import tempfile
 from collections.abc import Iterable, Iterator
 from functools import partial
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -301,6 +300,8 @@ def write_manifest(folder: Path, **facts: Any) -> None:
 
     Call the function last.
     """
+    from importlib import metadata  # imports the package email
+
     versions = {name: metadata.version(name) for name in ("mujoco", "numpy", "scipy", "control", "rerun-sdk")}
     content = {
         "written_by": "vlab",

@@ -132,10 +132,12 @@ class Sampling:
             Values, (..., n_sensors).
         """
         coil = self.hardware.velocity_sensor
-        if travel is not None or coil.signal_share < 1.0:
-            values = values.copy()
-            share = 1.0 if travel is None else coil_gain(travel, coil.linear_range)
-            values[..., self.is_velocity] *= coil.signal_share * share
+        is_linear = travel is None or bool(np.abs(travel).max(initial=0.0) <= coil.linear_range / 2)
+        if is_linear and coil.signal_share == 1.0:
+            return values
+        values = values.copy()
+        share = 1.0 if travel is None else coil_gain(travel, coil.linear_range)
+        values[..., self.is_velocity] *= coil.signal_share * share
         return values
 
     def converted(self, values: Array, at: int | slice) -> Array:
@@ -155,19 +157,19 @@ class Sampling:
         """
         if self.added is not None:
             values = values + self.added[at]
-        if self._steps is not None:
-            values = QUANTISATION.sense(values, self._steps, 0.0, _NO_TIMES)
+        if self.steps is not None:
+            values = QUANTISATION.sense(values, {"step": self.steps}, 0.0, _NO_TIMES)
         return values
 
     @cached_property
-    def _steps(self) -> dict[str, Array] | None:
-        """Quantisation step of every sensor in motion units.
+    def steps(self) -> Array | None:
+        """Quantisation steps in motion units, (n_sensors,).
 
         None without quantisation.
         """
         volts, coil = self.hardware.converter.resolution, self.hardware.velocity_sensor
         per_motion = np.where(self.is_velocity, coil.sensitivity, self.hardware.displacement_probe.sensitivity)
-        return {"step": volts / per_motion} if volts > 0 else None
+        return volts / per_motion if volts > 0 else None
 
     def only(self, sensors: Array) -> "Sampling":
         """Return the sampling of selected sensors."""

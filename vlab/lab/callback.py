@@ -23,6 +23,18 @@ def _dispatch(model: Any, data: Any) -> None:
         loop(model, data)
 
 
+def refuse_foreign_callback() -> None:
+    """Refuse a control callback that vlab has not installed.
+
+    Raises
+    ------
+    BadExperiment
+        A foreign callback is installed.
+    """
+    if mujoco.get_mjcb_control() not in (None, _dispatch):
+        raise BadExperiment("another mjcb_control is installed; remove it with mujoco.set_mjcb_control(None) first")
+
+
 @contextmanager
 def control_callback(data: Any, loop: Callable[[Any, Any], None]) -> Iterator[None]:
     """Install a loop as control callback of an `MjData`.
@@ -48,14 +60,12 @@ def control_callback(data: Any, loop: Callable[[Any, Any], None]) -> Iterator[No
     """
     key = id(data)
     with _lock:
-        present = mujoco.get_mjcb_control()
-        if present is not None and present is not _dispatch:
-            raise BadExperiment("another mjcb_control is installed; remove it with mujoco.set_mjcb_control(None) first")
+        refuse_foreign_callback()
         if key in _loops:
             raise BadExperiment("this MjData already runs in a loop")
-        _loops[key] = loop
-        if present is None:
+        if not _loops:
             mujoco.set_mjcb_control(_dispatch)
+        _loops[key] = loop
     try:
         yield
     finally:

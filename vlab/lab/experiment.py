@@ -12,7 +12,6 @@ from vlab.errors import BadExperiment
 from vlab.hardware.back_emf import brake_plant
 from vlab.hardware.laboratory import Hardware, load_hardware
 from vlab.hardware.sensing import Sampling
-from vlab.lab.callback import control_callback
 from vlab.lab.effort import ActuatorEffort, actuator_efforts
 from vlab.lab.excitation import Excitation, Release, forces_at
 from vlab.lab.loop import ControlLoop
@@ -21,7 +20,7 @@ from vlab.signals import Array, Channel, Recording
 
 FRAMES_HZ = 60.0
 """FRAMES_HZ [Hz]: rate of the configurations kept for views."""
-CHUNK_STEPS = 500
+CHUNK_STEPS = 2000
 """CHUNK_STEPS [1]: integration steps between checks for divergence."""
 
 
@@ -79,12 +78,15 @@ class Result:
         Configurations for views.
     effort : tuple of ActuatorEffort
         Effort of every actuator.
+    is_compiled : bool
+        Whether the loop ran in compiled code, see `vlab.lab.loop.can_compile`.
     """
 
     recording: Recording
     frame_times: Array
     frames: Array
     effort: tuple[ActuatorEffort, ...] = ()
+    is_compiled: bool = False
 
 
 def run_experiment(
@@ -143,11 +145,13 @@ def run_experiment(
     times = np.arange(samples) / rate
 
     def so_far() -> Result:
+        applied = loop.applied
         return Result(
-            recording=_record(experiment, loop, times, targets),
+            recording=_record(experiment, loop, times, targets, applied),
             frame_times=times[:: loop.frame_every],
             frames=loop.frames,
-            effort=actuator_efforts(plant.actuators, loop.commands, loop.applied, loop.saturated),
+            effort=actuator_efforts(plant.actuators, loop.commands, applied, loop.saturated),
+            is_compiled=loop.is_compiled,
         )
 
     def after(done_s: float) -> None:
@@ -156,19 +160,14 @@ def run_experiment(
         if watch is not None:
             watch(done_s, so_far)
 
-    _advance(plant, loop, steps, after)
-    return so_far()
-
-
-def _advance(plant: Plant, loop: ControlLoop, steps: int, after: Callable[[float], None]) -> None:
     done = 0
-    with control_callback(loop.data, loop.callback):
-        while done < steps:
-            chunk = min(CHUNK_STEPS, steps - done)
-            mujoco.mj_step(plant.model, loop.data, nstep=chunk)
-            done += chunk
-            check_run(plant.model, loop.data, done * plant.timestep)
-            after(done * plant.timestep)
+    while done < steps:
+        chunk = min(CHUNK_STEPS, steps - done)
+        loop.advance(chunk)
+        done += chunk
+        check_run(plant.model, loop.data, done * plant.timestep)
+        after(done * plant.timestep)
+    return so_far()
 
 
 def _pull(plant: Plant, data: Any, actuator: int, force: float) -> None:
@@ -186,10 +185,10 @@ def _pull(plant: Plant, data: Any, actuator: int, force: float) -> None:
     mujoco.mj_forward(plant.model, data)
 
 
-def _record(experiment: Experiment, loop: ControlLoop, times: Array, targets: list[int]) -> Recording:
+def _record(experiment: Experiment, loop: ControlLoop, times: Array, targets: list[int], applied: Array) -> Recording:
     plant = experiment.plant
     excited = experiment.excitation is not None and not isinstance(experiment.excitation, Release)
-    applied, sampled = loop.applied, loop.sampled
+    sampled = loop.sampled
     channels: list[Channel] = []
     columns: list[Array] = []
     if excited and experiment.excitation is not None:
@@ -211,4 +210,6 @@ def _record(experiment: Experiment, loop: ControlLoop, times: Array, targets: li
     meta: dict[str, Any] = {"plant": plant.name, "seed": experiment.seed, "rate_hz": experiment.hardware.converter.rate}
     if excited and experiment.excitation is not None:
         meta |= experiment.excitation.facts
-    return Recording(time=times, data=np.column_stack(columns), channels=tuple(channels), meta=meta)
+    data = np.column_stack(columns)
+    data.setflags(write=False)  # the recording takes the array as its own
+    return Recording(time=times, data=data, channels=tuple(channels), meta=meta)

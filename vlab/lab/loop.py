@@ -1,26 +1,94 @@
-"""Control loop in MuJoCo's callback: sampling, law and forces."""
+"""Control loop of an experiment: sampling, law and forces between the halves of MuJoCo's steps.
+
+A linear law without attached effects runs in one compiled function, `vlab.lab.compiled_loop`. Any other loop runs in
+MuJoCo's control callback, in Python.
+"""
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import mujoco
 import numpy as np
 
-from vlab.controllers import Controller
-from vlab.errors import BadController
+from vlab.controllers import Controller, DirectRateFeedback, LinearLaw, ObserverFeedback
+from vlab.controllers.linear import Matrices
+from vlab.errors import BadController, BadExperiment
 from vlab.hardware.laboratory import Hardware
 from vlab.hardware.output_chain import OutputChain
 from vlab.hardware.sensing import Sampling
-from vlab.physics.running import Running
+from vlab.lab.callback import control_callback, refuse_foreign_callback
+from vlab.physics.running import STAGGERED, Running
 from vlab.plants.base import Plant
+from vlab.plants.linear import LinearPlant
 from vlab.signals import Array
+
+if TYPE_CHECKING:
+    from vlab.lab.compiled_loop import CompiledLoop
+
+PLAIN_LAWS = (LinearLaw, DirectRateFeedback, ObserverFeedback)
+"""PLAIN_LAWS [-]: classes of laws that are nothing but their matrices, an observer without a limit."""
+
+
+def plain_matrices(law: Controller) -> Matrices | None:
+    """Return A, B, C, D of a law that is nothing but these matrices.
+
+    Parameters
+    ----------
+    law : Controller
+        Control law.
+
+    Returns
+    -------
+    tuple of array or None
+        Matrices; None for another class, a subclass with methods of its own, and a limited observer.
+    """
+    own = ("step", "reset", "matrices")
+    if set(own) & set(getattr(law, "__dict__", ())) or getattr(law, "limit", None) is not None:
+        return None
+    for known in PLAIN_LAWS:
+        if all(getattr(type(law), name, None) is getattr(known, name) for name in own):
+            matrices: Matrices = getattr(law, "matrices")  # noqa: B009 - no member of every law
+            return matrices
+    return None
+
+
+def can_compile(plant: Plant, controller: Controller | None) -> bool:
+    """Return whether the compiled loop covers a plant and a law.
+
+    The law is linear or absent, and no effect is attached. MuJoCo's step has two halves, which Runge-Kutta has not. No
+    sensor reads an acceleration. Compiled code finds MuJoCo's library. A linear plant runs in this loop only.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its effects.
+    controller : Controller or None
+        Control law; None for no feedback.
+
+    Returns
+    -------
+    bool
+        True for the compiled loop, False for the loop in Python.
+    """
+    model = plant.model
+    if plant.physics or (controller is not None and plain_matrices(controller) is None):
+        return False
+    if model.opt.integrator not in STAGGERED or model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ACTUATION:
+        return False
+    if np.any(model.sensor_needstage == mujoco.mjtStage.mjSTAGE_ACC):
+        return False
+    from vlab.plants.compiled_steps import IS_AVAILABLE
+
+    return IS_AVAILABLE
 
 
 class ControlLoop:
     """Wiring and memory of one experiment.
 
-    MuJoCo calls `callback` once an integration step. Between two samples the loop applies stored mean forces only. A
-    repeated step (`mj_forward`, stages of a Runge-Kutta step) changes nothing.
+    `advance` runs integration steps, on the path that `is_compiled` names. Between two samples the loop applies stored
+    mean forces only. In Python, a repeated step (`mj_forward`, stages of a Runge-Kutta step) changes nothing. The
+    compiled loop has a memory of its own and leaves the law at rest.
 
     Parameters
     ----------
@@ -34,6 +102,13 @@ class ControlLoop:
         Number of samples, and integration steps per sample.
     frame_every : int
         Samples between stored configurations, for views.
+
+    Raises
+    ------
+    BadExperiment
+        Forces or noise have another length, or a linear plant has effects or a law in Python.
+    BadController
+        The law does not fit the plant or the rate.
     """
 
     def __init__(
@@ -48,13 +123,15 @@ class ControlLoop:
         substeps: int,
         frame_every: int,
     ) -> None:
+        if len(added) != samples * substeps or (sampling.added is not None and len(sampling.added) < samples):
+            raise BadExperiment(f"forces and noise do not fit {samples} samples of {substeps} steps; draw them anew")
         self.plant, self.hardware, self.controller, self.sampling = plant, hardware, controller, sampling
         self.added, self.substeps, self.frame_every = added, substeps, frame_every
         self.data = plant.new_data()
         n_actuators = len(plant.actuators)
         self._raw = np.zeros((samples, plant.model.nsensordata))
-        self._limited: Array | None = None
         self.commands = np.zeros((samples, n_actuators))
+        self.forces, self._over, self._done = np.zeros_like(self.added), np.zeros(n_actuators), 0
         self.frames = np.zeros((-(-samples // frame_every), plant.model.nq))
         self._physics = Running(plant, sample=substeps * plant.timestep) if plant.physics else None
         changed = self._physics is not None and self._physics.has_sensors
@@ -62,7 +139,49 @@ class ControlLoop:
         self._chain = OutputChain(hardware.converter, channels=n_actuators, substeps=substeps)
         if controller is not None:
             self._check_law(controller)
-        self.callback = self._compile()
+        self._motion = plant.motion if isinstance(plant, LinearPlant) else None
+        self._compiled = self._compile() if can_compile(plant, controller) else None
+        if self._motion is not None and self._compiled is None:
+            raise BadExperiment(
+                "the plant 'linear' runs in the compiled loop only: with a linear law or none, and without effects; use the plant 'modal'"
+            )
+        self._callback = None if self.is_compiled else self._in_python()
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether the steps run in compiled code, see `can_compile`."""
+        return self._compiled is not None
+
+    def advance(self, steps: int) -> None:
+        """Run integration steps.
+
+        Parameters
+        ----------
+        steps : int
+            Number of steps.
+
+        Raises
+        ------
+        BadExperiment
+            The run has fewer steps left, or a foreign control callback is installed.
+        """
+        left = len(self.added) - self._done
+        if steps > left:
+            raise BadExperiment(f"{steps} steps were asked of a run with {left} steps left; make the run longer")
+        if self._compiled is not None:
+            refuse_foreign_callback()
+            if self._motion is not None and self._done == 0:
+                self._compiled.modes[:] = self._motion.start(self.data.qpos - self.plant.model.qpos0, self.data.qvel)
+            addresses = self.plant.model._address, self.data._address
+            self._compiled.advance(addresses, self._done, steps, (self.substeps, self.frame_every))
+            if self._motion is not None:
+                self.data.time = (self._done + steps) * self.plant.timestep
+                mujoco.mj_checkPos(self.plant.model, self.data)  # MuJoCo's own steps look for divergence, too
+        else:
+            assert self._callback is not None
+            with control_callback(self.data, self._callback):
+                mujoco.mj_step(self.plant.model, self.data, nstep=steps)
+        self._done += steps
 
     @property
     def sampled(self) -> Array:
@@ -80,20 +199,12 @@ class ControlLoop:
 
         Effects attached to the actuators act behind the recorded force.
         """
-        forces = self._limited if self._limited is not None else self._demanded()
-        return forces.reshape(-1, self.substeps, forces.shape[1]).mean(axis=1)
+        return self.forces.reshape(-1, self.substeps, self.forces.shape[1]).mean(axis=1)
 
     @property
     def saturated(self) -> Array:
         """Share of steps at each amplifier's limit, (n_actuators,)."""
-        limit = self.hardware.coil.limit
-        if not limit:
-            return np.zeros(self.commands.shape[1])
-        return np.asarray(np.mean(np.abs(self._demanded()) > limit, axis=0))
-
-    def _demanded(self) -> Array:
-        """Return the demanded force of every step, (n_steps, n_actuators)."""
-        return np.asarray(self._chain.response(self.commands) + self.added)
+        return self._over / len(self.forces)
 
     def _check_law(self, controller: Controller) -> None:
         self._from = np.array([self.plant.sensor_index(name) for name in controller.sensors], dtype=int)
@@ -157,14 +268,57 @@ class ControlLoop:
 
         return tick
 
-    def _compile(self) -> Callable[[Any, Any], None]:
+    def _compile(self) -> "CompiledLoop":
+        """Return the compiled loop, at rest."""
+        from vlab.lab.compiled_loop import CompiledLoop, exact_of, own_array, sensing_of, system_of
+
+        motion = self._motion
+        plant, data, n_actuators = self.plant, self.data, len(self.plant.actuators)
+        wired, system = np.zeros(0, dtype=int), np.zeros((0, 0))
+        if self.controller is not None:
+            matrices = plain_matrices(self.controller)
+            assert matrices is not None  # see `can_compile`
+            wired, system = self._from, system_of(matrices, self._to, self._chain, n_actuators)
+        braked, rows = self._braked()
+        brakes = np.zeros((n_actuators if braked else 0, plant.model.nsensordata))
+        brakes[braked] = rows
+        return CompiledLoop(
+            qpos=data.qpos,
+            qvel=data.qvel,
+            sensordata=data.sensordata,
+            ctrl=data.ctrl,
+            generalised=data.qfrc_applied,
+            **sensing_of(plant, self.sampling, wired),
+            system=system,
+            given=np.zeros(system.shape[1]),
+            result=np.zeros(system.shape[0]),
+            added=np.ascontiguousarray(self.added),
+            limit=self.hardware.coil.limit or np.inf,
+            brakes=brakes,
+            controls=own_array(plant.control_matrix),
+            dissipation=-own_array(None if motion else plant.dissipation),
+            restoring=-own_array(None if motion else plant.restoring),
+            rest=plant.model.qpos0.copy(),
+            **exact_of(motion),
+            raw=self._raw,
+            frames=self.frames,
+            commands=self.commands,
+            forces=self.forces,
+            over=self._over,
+            force=np.zeros(n_actuators),
+            braking=np.zeros(n_actuators),
+            moved=np.zeros(plant.model.nq),
+            restored=np.zeros(plant.model.nv),
+        )
+
+    def _in_python(self) -> Callable[[Any, Any], None]:
         """Return the callback with local names only.
 
         The callback runs two thousand times a simulated second.
         """
         plant, data, substeps = self.plant, self.data, self.substeps
         qvel, qpos, sensordata, generalised = data.qvel, data.qpos, data.sensordata, data.qfrc_applied
-        raw, frames, frame_every = self._raw, self.frames, self.frame_every
+        raw, frames, frame_every, applied = self._raw, self.frames, self.frame_every, self.forces
         added = [(i, self.added[:, i].tolist()) for i in range(self.added.shape[1]) if np.any(self.added[:, i])]
         limit_forces, give = self._amplifier(), self._outlet()
         prescribed = plant.prescribed
@@ -194,7 +348,8 @@ class ControlLoop:
             for actuator, signal in added:
                 force[actuator] += signal[step]
             if limit_forces is not None:
-                limit_forces(force, step)
+                limit_forces(force)
+            applied[step] = force
             if actuate is not None:
                 actuate(force)
             give(force)
@@ -249,24 +404,35 @@ class ControlLoop:
         spread = controls.dot
         return lambda force: spread(force, ctrl)
 
-    def _amplifier(self) -> Callable[[Array, int], None] | None:
+    def _braked(self) -> tuple[list[int], Array]:
+        """Return the coils that brake themselves, and their forces per ``sensordata``.
+
+        The rows have the shape (n_braked, n_sensordata).
+        """
+        coil, plant = self.hardware.coil, self.plant
+        places = {tap.at: i for i, tap in enumerate(plant.sensors) if tap.kind == "velocity"}
+        braked = [i for i, a in enumerate(plant.actuators) if a.at in places] if coil.back_emf_damping else []
+        return braked, coil.back_emf_damping * plant.sensor_matrix[[places[plant.actuators[i].at] for i in braked]]
+
+    def _amplifier(self) -> Callable[[Array], None] | None:
         """Return the in-place amplifier model of the forces.
 
         The model covers the limit, and braking without current control.
         """
-        coil, plant, sensordata = self.hardware.coil, self.plant, self.data.sensordata
-        places = {tap.at: i for i, tap in enumerate(plant.sensors) if tap.kind == "velocity"}
-        braked = [i for i, a in enumerate(plant.actuators) if a.at in places] if coil.back_emf_damping else []
-        if not coil.limit and not braked:
+        limit, sensordata, over, (braked, rows) = (
+            self.hardware.coil.limit,
+            self.data.sensordata,
+            self._over,
+            self._braked(),
+        )
+        if not limit and not braked:
             return None
-        velocities = plant.sensor_matrix[[places[plant.actuators[i].at] for i in braked]]
-        limited = self._limited = np.zeros_like(self.added)
 
-        def limit_forces(force: Array, step: int) -> None:
-            if coil.limit:
-                np.clip(force, -coil.limit, coil.limit, out=force)
+        def limit_forces(force: Array) -> None:
+            if limit:
+                np.add(over, np.abs(force) > limit, over)
+                np.clip(force, -limit, limit, out=force)
             if braked:
-                force[braked] -= coil.back_emf_damping * (velocities @ sensordata)
-            limited[step] = force
+                force[braked] -= rows @ sensordata
 
         return limit_forces

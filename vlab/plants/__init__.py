@@ -1,4 +1,4 @@
-"""Plants in MuJoCo behind one interface: composite, modal, MJCF."""
+"""Plants in MuJoCo behind one interface: composite, FE, linear, modal, MJCF."""
 
 from vlab.plants.base import Plant
 from vlab.plants.build import PLANTS, build_plant

@@ -99,7 +99,7 @@ class Plant:
     Parameters
     ----------
     name : str
-        ``"composite"``, ``"modal"`` or ``"mjcf"``.
+        ``"composite"``, ``"fe"``, ``"linear"``, ``"modal"`` or ``"mjcf"``.
     model : mujoco.MjModel
         Compiled model; its initial configuration is the equilibrium.
     spec : mujoco.MjSpec
@@ -396,7 +396,8 @@ def has_diverged(data: Any) -> list[str]:
 
     MuJoCo resets a state or control beyond its limits and counts a warning.
     """
-    return [name for name in _DIVERGED if data.warning[getattr(mujoco.mjtWarning, name)].number]
+    counts = data.warning.number
+    return [name for name in _DIVERGED if counts[getattr(mujoco.mjtWarning, name)]] if counts.any() else []
 
 
 def check_run(model: Any, data: Any, expected_time: float) -> None:
@@ -418,7 +419,7 @@ def check_run(model: Any, data: Any, expected_time: float) -> None:
         finite.
     """
     bad = has_diverged(data)
-    if bad or abs(data.time - expected_time) > 0.5 * model.opt.timestep or not np.all(np.isfinite(data.qpos)):
+    if bad or abs(data.time - expected_time) > 0.5 * model.opt.timestep or not np.isfinite(data.qpos).all():
         raise Diverged(
             f"the simulation diverged before t = {expected_time:.4g} s ({', '.join(bad) or 'the clock was reset'}): "
             f"the loop is unstable or the step of {model.opt.timestep:g} s is too long for this model"

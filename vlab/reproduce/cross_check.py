@@ -15,8 +15,9 @@ from vlab.fe.model import FeModel
 from vlab.fe.reduced import build_reduced_model
 from vlab.fe.second_order import SecondOrderModel
 from vlab.modal.mac import mac
-from vlab.plants import PLANTS, Plant, build_plant
+from vlab.plants import Plant, build_plant
 from vlab.plants.base import check_run
+from vlab.plants.build import STEPPED
 from vlab.signals import Array, ModalModel
 from vlab.structure.model import Structure
 
@@ -158,7 +159,7 @@ def cross_check(
     modes : int or None
         Number of modes; all published ones by default.
     plants : sequence of str
-        Names of the plants; all by default.
+        Names of the plants; all that MuJoCo steps by default.
     seconds : float
         Duration of a free run [s].
 
@@ -182,7 +183,7 @@ def cross_check(
         measured=None if table is None else table.column("experimental"),
         plants={
             name: check_plant(build_plant(structure, name, variant), fe, driven, seconds=seconds)
-            for name in (plants or PLANTS)
+            for name in (plants or STEPPED)
         },
     )
 

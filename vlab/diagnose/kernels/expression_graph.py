@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.kernels.compilation import compiled
+from vlab.compilation import compiled
 from vlab.diagnose.settings import KERNELS
 from vlab.physics.expression import CODE, SIGNALS, ExpressionGraph
 from vlab.signals import Array

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vlab.compilation import compiled
 from vlab.diagnose.data.runs import Signals
-from vlab.diagnose.kernels.compilation import compiled
 from vlab.diagnose.kernels.recursion import states_of
 from vlab.diagnose.parameters.reduced_model import Discrete, ReducedModel, discretise
 from vlab.diagnose.settings import KALMAN

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import vlab.diagnose
-from vlab.diagnose.kernels import compilation as compiling
-from vlab.diagnose.kernels.compilation import compiled
+from vlab import compilation as compiling
+from vlab.compilation import compiled
 from vlab.diagnose.predictors import kalman
 
 USE = """
@@ -19,7 +19,7 @@ import sys
 from pathlib import Path
 import numpy as np
 {prepare}
-from vlab.diagnose.kernels.compilation import compiled
+from vlab.compilation import compiled
 from vlab.diagnose.kernels import expression_graph
 from vlab.diagnose.predictors import kalman
 double = kalman._with_room(np.ones((2, 1, 1)))
@@ -73,10 +73,7 @@ def test_neither_the_installation_nor_the_home_need_be_writable(sealed_off, tmp_
 
 @pytest.mark.slow
 def test_nothing_at_all_need_be_writable(sealed_off):
-    assert (
-        used(sealed_off, "import vlab.diagnose.kernels.compilation as c; c._temporary = lambda: iter(())", **NOWHERE)
-        == "None"
-    )
+    assert used(sealed_off, "import vlab.compilation as c; c._temporary = lambda: iter(())", **NOWHERE) == "None"
 
 
 def test_a_folder_that_others_may_write_to_is_not_used(tmp_path, monkeypatch):

@@ -1,0 +1,142 @@
+"""CPU times of whole experiments beside bare steps of MuJoCo and beside python-control."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from vlab.fe import build_fe_model
+from vlab.lab import Experiment, run_experiment
+from vlab.lab.excitation import Multisine
+from vlab.lab.laws import published_law
+from vlab.plants import Plant, build_plant
+from vlab.structure import load_structure
+
+SECONDS, RUNS = 10.0, 5
+"""SECONDS, RUNS [s, 1]: simulated time of a run, and runs of which the median counts."""
+SWING = 1e-3
+"""SWING [m/s, rad/s]: initial velocity of every coordinate in bare steps."""
+STRUCTURES, PLANTS = ("beam", "grid"), ("composite", "modal", "fe")
+"""STRUCTURES, PLANTS [-]: timed structures and plants."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stepping:
+    """CPU times of an experiment and of its peer [s per simulated second].
+
+    The ratio is peer over ours.
+    """
+
+    work: str
+    ours_s: float
+    peer: str
+    peer_s: float
+    ratio: float
+
+
+def cpu_times(ours: Callable[[], Any], peer: Callable[[], Any], runs: int) -> tuple[float, float, float]:
+    """Return the CPU times of two works and their ratio, medians over all turns.
+
+    The works take turns, so a slow phase of the machine meets both.
+
+    Parameters
+    ----------
+    ours, peer : callable
+        Works; each runs once before its time is taken.
+    runs : int
+        Number of turns.
+
+    Returns
+    -------
+    tuple of float
+        Time of both works [s], and peer over ours of one turn.
+    """
+    taken = np.zeros((runs + 1, 2))
+    for turn in range(runs + 1):
+        for column, work in enumerate((ours, peer)):
+            begun = time.process_time()
+            work()
+            taken[turn, column] = time.process_time() - begun
+    ours_s, peer_s = np.median(taken[1:], axis=0)
+    return float(ours_s), float(peer_s), float(np.median(taken[1:, 1] / taken[1:, 0]))
+
+
+def stepping_times(*, progress: Callable[[str], None] = lambda text: None) -> Iterator[Stepping]:
+    """Time an experiment with a linear law beside bare steps of the same plant.
+
+    The experiment includes excitation, sensors, law, delay, filter and recording.
+
+    Parameters
+    ----------
+    progress : callable
+        Receives the present work.
+
+    Yields
+    ------
+    Stepping
+        Times of one plant.
+    """
+    for structure in STRUCTURES:
+        built = load_structure(structure)
+        law = published_law(built, "mfdrf")
+        for name in PLANTS:
+            progress(f"steps of the {structure}'s {name} plant")
+            plant = build_plant(built, name)
+            excitation = Multisine(level=0.2, period_s=SECONDS, seed=1)
+            experiment = Experiment(plant=plant, seconds=SECONDS, excitation=excitation, controller=law)
+            steps = round(SECONDS / plant.timestep)
+            ours_s, bare_s, ratio = cpu_times(partial(run_experiment, experiment), partial(_bare, plant, steps), RUNS)
+            yield Stepping(
+                work=f"{structure}, {name} plant, MFDRF at 2 kHz: an experiment, CPU seconds per simulated second",
+                ours_s=ours_s / SECONDS,
+                peer="bare mj_step(nstep) of the same plant, without law, converters and recording",
+                peer_s=bare_s / SECONDS,
+                ratio=ratio,
+            )
+
+
+def linear_times(*, progress: Callable[[str], None] = lambda text: None) -> Iterator[Stepping]:
+    """Time an experiment on a linear plant beside python-control.
+
+    Both simulate the response to one force without a law.
+
+    Parameters
+    ----------
+    progress : callable
+        Receives the present work.
+
+    Yields
+    ------
+    Stepping
+        Times of one structure.
+    """
+    import control
+
+    for structure in STRUCTURES:
+        progress(f"steps of the {structure}'s linear plant")
+        built = load_structure(structure)
+        plant, fe = build_plant(built, "linear"), build_fe_model(built)
+        excitation = Multisine(level=0.2, period_s=SECONDS, seed=1)
+        experiment = Experiment(plant=plant, seconds=SECONDS, excitation=excitation)
+        model = control.StateSpace(*fe.linear.state_matrices(fe.coils[:, :1], fe.coils.T))
+        times = np.arange(round(SECONDS / plant.timestep)) * plant.timestep
+        theirs = partial(control.forced_response, model, times, excitation.sample(times))
+        ours_s, peer_s, ratio = cpu_times(partial(run_experiment, experiment), theirs, RUNS)
+        yield Stepping(
+            work=f"{structure}, linear plant, no law: an experiment, CPU seconds per simulated second",
+            ours_s=ours_s / SECONDS,
+            peer=f"control.forced_response on the FE model of {len(model.A)} states",
+            peer_s=peer_s / SECONDS,
+            ratio=ratio,
+        )
+
+
+def _bare(plant: Plant, steps: int) -> None:
+    """Step a swinging plant without input; at rest, sines and products of zero are cheaper."""
+    data = plant.new_data()
+    data.qvel[:] = SWING
+    mujoco.mj_step(plant.model, data, nstep=steps)
