@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-BAND_HZ = {"slider": 24.0, "shaft": 30.0, "beam": 45.0, "grid": 15.0}
+BAND_HZ = {"slider": 24.0, "shaft": 30.0, "beam": 45.0, "grid": 15.0, "arm": 6.0}
 """Highest frequency that the commands of a bench hold."""
 SMALL_PHASE = 0.1
 """Phase [rad] at that frequency up to which a delay and a lag are alike: a lag differs from it by half its square, half a per cent
@@ -58,6 +58,11 @@ TABLE: tuple[Alike, ...] = (
     Alike(
         effects=("force-offset", "actuator-offset"),
         why="a constant force along an actuator is the actuator's own offset",
+        at_actuator=True,
+    ),
+    Alike(
+        effects=("viscous-damping", "servo-velocity-gain"),
+        why="within the limits of its force the velocity gain of a servo is a damper at its joint",
         at_actuator=True,
     ),
     Alike(effects=("viscous-damping", "quadratic-drag"), why="one level gives one damping ratio", one_level=True),
