@@ -210,6 +210,24 @@ def test_an_arm_moves_as_mujoco_does_with_a_small_step(arm):
     assert (np.abs(ours - theirs).max(axis=0) < 0.01 * spread + 1e-3).all()
 
 
+@pytest.mark.parametrize("integrator", ["implicitfast", "Euler"])
+def test_the_error_of_a_models_step_is_that_of_mujoco(integrator):
+    """Both take the same first-order steps."""
+    model = model_of(BENCHTOP, timestep=2e-3, integrator=integrator)
+    data, count = mujoco.MjData(model), 60
+    commands = motion("steps", np.random.default_rng(3), np.arange(count) / 100, BENCHTOP.home, BENCHTOP.reach)
+    arm = setup_of(BENCHTOP, logged=("angle", "rate"))
+    implicit = integrator != "Euler"
+    ours = arm.nominal_readings(commands[:, :, None], 2e-3, is_servo_implicit=implicit)[:, :, 0]
+    data.qpos[:] = ours[0, :6]
+    theirs = np.zeros((count, 12))
+    for k in range(count):
+        theirs[k] = np.concatenate([data.qpos, data.qvel])
+        data.ctrl[:] = commands[k]
+        mujoco.mj_step(model, data, nstep=5)
+    assert np.abs(ours - theirs).max() < 1e-8
+
+
 @pytest.mark.parametrize("kind", MOTIONS)
 def test_commands_start_at_rest_within_their_range(kind):
     for seed in range(4):
@@ -222,8 +240,8 @@ def test_commands_start_at_rest_within_their_range(kind):
 def test_a_factor_on_a_parameter_changes_that_parameter():
     for b in benign_of({**STATED, "armature": 0.1, "velocity-gain": 0.1, "length": 0.01, "centre-of-mass": 0.02}, DESK):
         one, two = built(DESK, {}), built(DESK, {b.name: 0.1})
-        if b.name in ("length:turret", "length:upper"):
-            continue  # along the vertical axis: the same motion, higher
+        if b.name in ("length:turret", "length:upper", "centre-of-mass:turret"):
+            continue  # along the vertical axis: the same motion
         q, v = np.array([0.3, 0.4, 0.5]), np.array([0.2, 0.1, -0.3])
         same = [
             np.allclose(one.drives, two.drives, rtol=1e-12, equal_nan=True),

@@ -219,5 +219,10 @@ def check_source(name: str) -> None:
 
 
 def kinds() -> tuple[Kind, ...]:
-    """Return all kinds of hidden effects."""
-    return (*LIBRARY, *FORMS, *STRANGE, *ARM_LIBRARY, *ARM_FORMS, *ARM_STRANGE)
+    """Return all kinds of hidden effects of the linear benches."""
+    return (*LIBRARY, *FORMS, *STRANGE)
+
+
+def arm_kinds() -> tuple[Kind, ...]:
+    """Return all kinds of hidden effects of arms."""
+    return (*ARM_LIBRARY, *ARM_FORMS, *ARM_STRANGE)

@@ -104,7 +104,7 @@ def conceal_arm(wanted: Wanted, rng: np.random.Generator) -> Concealed:
         No effect of the wanted kinds and size was found.
     """
     drawn = _draw(rng)
-    hidden, size = _hide(wanted, drawn, rng)
+    hidden, size, error = _hide(wanted, drawn, rng)
     setup, halved = _refined(drawn, hidden)
     y = setup.run(drawn.plan.commands, hidden) + drawn.noise
     step = drawn.quantum[None, :, None]
@@ -122,6 +122,8 @@ def conceal_arm(wanted: Wanted, rng: np.random.Generator) -> Concealed:
         "step_halved": halved,
         **drawn.described,
     }
+    if error is not None:
+        truth["model_error"] = error
     sensors = tuple(
         (f"{link.joint}_effort" if quantity == "effort" else f"joint:{link.joint}", *KINDS_OF[quantity])
         for quantity in setup.logged
@@ -141,7 +143,7 @@ def _draw(rng: np.random.Generator) -> _Drawn:
     benign = benign_of(stated, arm)
     is_wrong = bool(rng.random() < WRONG)
     factors = _deviations(benign, is_wrong, rng)
-    logged = ("angle",)
+    logged: tuple[str, ...] = ("angle",)
     logged += ("rate",) if rng.random() < RATED else ()
     logged += ("effort",) if rng.random() < EFFORT else ()
     rate_hz, timestep, integrator = _picked(rng, RATES), _picked(rng, TIMESTEPS), _picked(rng, INTEGRATORS)
@@ -173,7 +175,8 @@ def _draw(rng: np.random.Generator) -> _Drawn:
     return _Drawn(
         arm=arm, nominal=nominal, factors=factors, benign=benign, plan=plan, setup=setup, sigma=sigma, noise=noise,
         quantum=quantum,
-        described={"arm": arm.name, "stated": stated, "twice_the_statement": is_wrong, "timestep": timestep, **about},
+        described={"arm": arm.name, "stated": stated, "twice_the_statement": is_wrong, "timestep": timestep,
+                   "integrator": integrator, **about},
     )  # fmt: skip
 
 
@@ -237,10 +240,12 @@ def _substeps(rate_hz: float, most: float) -> int:
     return int(np.ceil(1.0 / (rate_hz * most) - 1e-9))
 
 
-def _hide(wanted: Wanted, drawn: _Drawn, rng: np.random.Generator) -> tuple[list[Hidden], Size | None]:
-    """Draw hidden effects until their size is in the range."""
+def _hide(
+    wanted: Wanted, drawn: _Drawn, rng: np.random.Generator
+) -> tuple[list[Hidden], Size | None, dict[str, float] | None]:
+    """Draw hidden effects until their size is in the range of noise and model error together."""
     if not wanted.kinds:
-        return [], None
+        return [], None, None
     commands = drawn.plan.commands[:, :, drawn.plan.fit]
     coarse = replace(drawn.setup, substeps=_substeps(drawn.setup.rate_hz, REFIT_S))
     refit = ArmRefit(
@@ -252,6 +257,9 @@ def _hide(wanted: Wanted, drawn: _Drawn, rng: np.random.Generator) -> tuple[list
     search = replace(drawn.setup, substeps=_substeps(drawn.setup.rate_hz, SEARCH_S))
     shift = refit.null - search.run(commands)  # the error of the coarser steps
     scales = scales_of(search, commands)
+    error = _model_error(drawn, refit, commands)
+    unit = float(np.hypot(1.0, error["over_noise"]))
+    wanted = replace(wanted, low=wanted.low * unit, high=wanted.high * unit)
 
     def readings(hidden: list[Hidden]) -> Array:
         return search.run(commands, hidden) + shift
@@ -266,8 +274,19 @@ def _hide(wanted: Wanted, drawn: _Drawn, rng: np.random.Generator) -> tuple[list
             continue
         in_range = wanted.low / CLOSE <= size.left <= wanted.high * CLOSE and size.of_signal <= 1.5 * LARGEST
         if in_range and size.absorbed >= wanted.absorbed:
-            return found, size
+            return found, size, error
     raise BadExperiment(f"no {wanted.suite} case of the wanted size was found on the {drawn.arm.name}")
+
+
+def _model_error(drawn: _Drawn, refit: ArmRefit, commands: Array) -> dict[str, float]:
+    """Return what a calibration leaves of the error of the nominal model's step."""
+    coarse = drawn.setup.nominal_readings(
+        commands,
+        float(drawn.described["timestep"]),
+        is_servo_implicit=drawn.described["integrator"] != "Euler",
+    )
+    size = refit.size(coarse - drawn.setup.run(commands) + refit.null)
+    return {"over_noise": size.left, "over_signal": size.of_signal, "uncalibrated": size.change}
 
 
 def _places(kind: Kind, arm: Arm) -> list[str]:

@@ -56,6 +56,11 @@ def _everywhere(each: list[dict[str, float]]) -> Action:
     return Action(servo=servo)
 
 
+def _rated(s: float, p: Shapes, at: ServoScale) -> list[float]:
+    """Return the friction of every joint, as a share of what its drive can give."""
+    return [float(s * one.limit * x) for x, one in zip(_spread(p, len(at.each)), at.each, strict=True)]
+
+
 def _spread(p: Shapes, count: int) -> Any:
     """Return the factors by which the joints of an arm differ."""
     return np.random.default_rng(int(p["draw"])).uniform(0.6, 1.4, count)
@@ -88,12 +93,12 @@ def _stribeck(s: float, p: Shapes, at: ServoScale) -> Made:
 
 
 def _rubbing(s: float, p: Shapes, at: ServoScale) -> Made:
-    each = [s * at.moment * x for x, at in zip(_spread(p, len(at.each)), at.each, strict=True)]
+    each = _rated(s, p, at)
     return {f"force_{j + 1}": x for j, x in enumerate(each)}, _everywhere([{"dry": x} for x in each])
 
 
 def _sticking(s: float, p: Shapes, at: ServoScale) -> Made:
-    each = [s * at.moment * x for x, at in zip(_spread(p, len(at.each)), at.each, strict=True)]
+    each = _rated(s, p, at)
     numbers = [
         {"dry": x, "excess": p["excess"] * x, "speed": p["speed"] * one.v} for x, one in zip(each, at.each, strict=True)
     ]
@@ -147,9 +152,9 @@ ARM_LIBRARY: tuple[Kind, ...] = (
     Kind(name="coulomb-friction", family="friction", on="joint", most=1.5,
          make=lambda s, p, at: ({"force": (f := s * at.moment)}, _numbers(dry=f))),
     Kind(name="stribeck-friction", family="friction", on="joint", make=_stribeck, most=1.2, shapes=_STRIBECK),
-    Kind(name="coulomb-friction", family="friction", on="all joints", form="in every joint", make=_rubbing, most=1.0,
+    Kind(name="coulomb-friction", family="friction", on="all joints", form="in every joint", make=_rubbing, most=0.2,
          accepted=FRICTION, shapes={"draw": (0.0, 1e9)}, same=False),
-    Kind(name="stribeck-friction", family="friction", on="all joints", form="in every joint", make=_sticking, most=0.8,
+    Kind(name="stribeck-friction", family="friction", on="all joints", form="in every joint", make=_sticking, most=0.15,
          accepted=FRICTION, shapes={"draw": (0.0, 1e9), **_STRIBECK}, same=False),
     Kind(name="viscous-damping", family="damping", on="joint", most=2.0, start=0.2,
          make=lambda s, p, at: ({"damping": (c := s * at.brake)}, _added(damping=c))),
@@ -174,7 +179,7 @@ def _gears(s: float, p: Shapes, at: ServoScale) -> Made:
 def _all_gears(s: float, p: Shapes, at: ServoScale) -> Made:
     each = [s * x for x in _spread(p, len(at.each))]
     numbers = [
-        {"dry": x * one.moment * (1 - p["share"]), "loaded": x * p["share"]}
+        {"dry": 0.1 * x * one.limit * (1 - p["share"]), "loaded": x * p["share"]}
         for x, one in zip(each, at.each, strict=True)
     ]
     return {f"share_{j + 1}": x for j, x in enumerate(each)}, _everywhere(numbers)

@@ -109,6 +109,36 @@ class ServoArm:
         marched = [self.march(commands[:, :, i], hidden) for i in range(commands.shape[2])]
         return np.stack([x[:, rows].reshape(len(x), -1) for x in marched], axis=-1)
 
+    def nominal_readings(self, commands: Array, timestep: float, *, is_servo_implicit: bool) -> Array:
+        """Return the readings that the nominal model's own step gives of this arm.
+
+        Parameters
+        ----------
+        commands : (n_samples, n, runs) array
+            Recorded commands [rad].
+        timestep : float
+            Step of the nominal model [s]; whole steps fit into a sample.
+        is_servo_implicit : bool
+            See `vlab.proof.generator.servo_drive.Machine.march_coarsely`.
+
+        Returns
+        -------
+        (n_samples, channels, runs) array
+            Readings; the moments of drives are those of `run`.
+        """
+        substeps = int(np.ceil(1.0 / (self.rate_hz * timestep) - 1e-9))
+        before = round(SETTLE_S * self.rate_hz)
+        out = self.run(commands)
+        rows = [k for k, name in enumerate(self.logged) if name != "effort"]
+        for i in range(commands.shape[2]):
+            held = np.concatenate([np.repeat(commands[:1, :, i], before, axis=0), commands[:, :, i]])
+            fine = np.repeat(held, substeps, axis=0)
+            step = 1.0 / (self.rate_hz * substeps)
+            marched = self.machine.march_coarsely(fine, step, substeps, is_servo_implicit=is_servo_implicit)[before:]
+            for k in rows:
+                out[:, k * self.n : (k + 1) * self.n, i] = marched[:, QUANTITIES.index(self.logged[k])]
+        return out
+
 
 def direct(n: int) -> dict[str, Array]:
     """Return the numbers of an ideal way of the commands of n drives."""
@@ -126,6 +156,8 @@ class ServoScale(Scale):
     ----------
     moment, most_moment : float
         Rms and largest moment of the drive [N m].
+    limit : float
+        Force limit of the drive [N m].
     error : float
         Rms error of the position [rad].
     brake : float
@@ -140,6 +172,7 @@ class ServoScale(Scale):
 
     moment: float = 0.0
     most_moment: float = 0.0
+    limit: float = 0.0
     error: float = 0.0
     brake: float = 0.0
     motor: float = 0.0
@@ -180,6 +213,7 @@ def scales_of(setup: ServoArm, commands: Array) -> tuple[ServoScale, ...]:
                 T=len(commands) / setup.rate_hz,
                 moment=_rms(f),
                 most_moment=float(np.abs(f).max()),
+                limit=float(setup.machine.number("high")[j]),
                 error=_rms(wanted[:, j] - q),
                 brake=float((setup.machine.number("velocity_gain") + setup.machine.number("damping"))[j]),
                 motor=float(setup.machine.number("armature")[j]),

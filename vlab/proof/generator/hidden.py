@@ -117,7 +117,7 @@ class Kind:
     accepted : tuple of str
         Right answers; empty outside the library.
     make : callable
-        Maps size, drawn shapes and scales to parameters and action. Parameters are in SI, with the names of `vlab
+        Maps size, drawn shapes and scales (a `Scale`) to parameters and action. Parameters are in SI, with the names of `vlab
         effects` for the same law.
     shapes : mapping
         Draws besides the size: name to (low, high), uniform; (low, high, "log"), log-uniform; ``"sign"``, +-1.
@@ -130,7 +130,7 @@ class Kind:
     name: str
     family: str
     on: On
-    make: Callable[[float, Mapping[str, float], Scale], tuple[dict[str, float], Action]]
+    make: Callable[[float, Mapping[str, float], Any], tuple[dict[str, float], Action]]
     shapes: Mapping[str, Any] = field(default_factory=dict)
     form: str = ""
     accepted: tuple[str, ...] = ()

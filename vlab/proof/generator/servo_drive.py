@@ -138,6 +138,36 @@ class Machine:
         _march(first, np.ascontiguousarray(commands), step, substeps, *self.chain.arrays, self.drives, out)
         return out
 
+    def march_coarsely(self, commands: Array, step: float, substeps: int, *, is_servo_implicit: bool) -> Array:
+        """Return the motion of ideal drives in steps of first order, as simulators take them.
+
+        The rates at the end of a step move the angles [1]_. Dampers of the joints are implicit.
+
+        Parameters
+        ----------
+        commands : (n_steps, n) array
+            Commands of the steps [rad].
+        step : float
+            Step [s].
+        substeps : int
+            Steps per sample.
+        is_servo_implicit : bool
+            Whether the velocity gains are implicit within the limits of force, too.
+
+        Returns
+        -------
+        (n_samples, 2, n) array
+            Angles [rad] and rates [rad/s].
+
+        References
+        ----------
+        .. [1] E. Hairer, C. Lubich and G. Wanner, *Geometric Numerical Integration*, Springer, 2nd ed., 2006, I.1.2.
+        """
+        out = np.zeros((len(commands) // substeps, 2, self.chain.n))
+        first, given = self.rest(commands[0]), np.ascontiguousarray(commands)
+        _coarse(first, given, step, substeps, is_servo_implicit, *self.chain.arrays, self.drives, out)
+        return out
+
 
 def ideal(chain: Chain, **numbers: Array) -> Machine:
     """Return a machine with ideal drives of the given numbers."""
@@ -292,6 +322,45 @@ def _march(
             end = last[i]
             x[i] += 0.5 * h * (v[i] + end)
             last[i], v[i] = (end - v[i]) / h, end
+
+
+@compiled()
+def _coarse(
+    first: Array,
+    commands: Array,
+    h: float,
+    substeps: int,
+    is_servo_implicit: bool,
+    offset: Array,
+    turn: Array,
+    axis: Array,
+    mass: Array,
+    centre: Array,
+    inertia: Array,
+    gravity: Array,
+    drives: Array,
+    out: Array,
+) -> None:
+    """March in semi-implicit steps of Euler."""
+    n = len(first)
+    q, v, r = first.copy(), np.zeros(n), np.zeros(n)
+    origins, axes, centres = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
+    inertias, A, W, b = np.zeros((n, 3, 3)), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
+    for step in range(len(commands)):
+        if step % substeps == 0:
+            out[step // substeps, 0], out[step // substeps, 1] = q, v
+        place(q, offset, turn, axis, mass, centre, inertia, gravity, origins, axes, centres, inertias)
+        masses(mass, origins, axes, centres, inertias, A)
+        moments(v, mass, gravity, origins, axes, centres, inertias, b)
+        for i in range(n):
+            d = drives[:, i]
+            f = d[_KP] * (commands[step, i] - q[i]) - d[_KV] * v[i]
+            is_free = d[_LOW] < f < d[_HIGH]
+            r[i] = _within(f, d[_LOW], d[_HIGH]) - d[_DAMP] * v[i] - b[i]
+            A[i, i] += d[_ARM] + h * d[_DAMP] + h * d[_KV] * (is_servo_implicit and is_free)
+        _inverse(A, n, W)
+        v = v + h * (W @ r)
+        q = q + h * v
 
 
 @compiled()
