@@ -105,8 +105,11 @@ def conceal_arm(wanted: Wanted, rng: np.random.Generator) -> Concealed:
     """
     drawn = _draw(rng)
     hidden, size, error = _hide(wanted, drawn, rng)
-    setup, halved = _refined(drawn, hidden)
-    y = setup.run(drawn.plan.commands, hidden) + drawn.noise
+    try:
+        setup, halved = _refined(drawn, hidden)
+        y = setup.run(drawn.plan.commands, hidden) + drawn.noise
+    except Diverged as fault:  # in a held-out recording, or with a smaller step
+        raise BadExperiment(f"the {drawn.arm.name} ran away with {hidden[0].kind.name}") from fault
     step = drawn.quantum[None, :, None]
     outputs = np.where(step > 0.0, np.round(y / np.where(step > 0.0, step, 1.0)) * step, y)
     truth = {
