@@ -6,17 +6,28 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from command import run
 from scipy.integrate import solve_ivp
 
 from vlab.cases import compare_case
+from vlab.physics.servo import servo_of
+from vlab.plants.mjcf import build_mjcf
 from vlab.proof.case_folder import write_case
+from vlab.proof.conceal import conceal_cases
+from vlab.proof.generator import arm as generator
 from vlab.proof.generator.arm import conceal_arm
 from vlab.proof.generator.arm_commands import MOTIONS, motion, received
+from vlab.proof.generator.arm_effects import ARM_STRANGE
 from vlab.proof.generator.arm_models import ARMS, BENCHTOP, DESK, benign_of, built, mjcf_of, with_payload
-from vlab.proof.generator.arm_setup import ServoArm, direct
+from vlab.proof.generator.arm_setup import ServoArm, direct, scales_of
+from vlab.proof.generator.arm_sizing import ArmRefit
 from vlab.proof.generator.concealed import Wanted
+from vlab.proof.generator.hidden import Hidden
 from vlab.proof.generator.rigid_body import Chain
 from vlab.proof.generator.servo_drive import ideal
+from vlab.proof.judge import judge
+from vlab.proof.prove import read_commitments
+from vlab.proof.suites import arm_kinds, drawn_suites, make_case
 
 STATED = {"mass": 0.05, "inertia": 0.1, "damping": 0.3, "gain": 0.05}
 
@@ -266,3 +277,113 @@ def test_a_case_of_an_arm_is_checked_and_compared(null_case):
     text = (folder / "case.toml").read_text() + (folder / "arm.xml").read_text()
     assert not [w for w in ("null", "hidden", "sigma", "effect", "twice") if w in text]
     json.dumps(made.truth, allow_nan=False)
+
+
+# ---- hidden effects -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def shoulder():
+    """Two seconds of steps of the desk arm, with the signal sizes at its shoulder."""
+    arm = setup_of(DESK, substeps=20, logged=("angle",))
+    commands = motion("steps", np.random.default_rng(7), np.arange(200) / 100, DESK.home, DESK.reach)[:, :, None]
+    scales = scales_of(arm, commands)
+    return arm, commands, replace(scales[1], each=scales)
+
+
+def place_of(kind) -> str:
+    places = {"servo": "actuator:shoulder_servo", "all servos": "chain", "tip": "site:tip"}
+    return places.get(kind.on, "joint:shoulder")
+
+
+@pytest.mark.parametrize("kind", arm_kinds(), ids=lambda k: f"{k.name} {k.on} {k.form}".strip())
+def test_everything_that_can_be_hidden_in_an_arm_changes_something_and_grows(shoulder, kind):
+    arm, commands, scale = shoulder
+    null, shapes, change = arm.run(commands), kind.draw(np.random.default_rng(2)), []
+    for share in (0.2, 1.0):
+        size = share * min(max(0.3, kind.start), kind.most)
+        one = Hidden(kind=kind, place=place_of(kind), shapes=shapes, scale=scale, size=size)
+        change.append(np.sqrt(np.mean((arm.run(commands, [one]) - null) ** 2)))
+    assert change[1] > 1e-6
+    assert change[1] >= change[0]
+
+
+def test_names_and_parameters_are_those_of_the_catalogue(shoulder):
+    from vlab.physics.catalogue import EFFECTS
+
+    for kind in arm_kinds():
+        assert set(kind.accepted) <= set(EFFECTS)
+        if kind in ARM_STRANGE:
+            assert kind.name not in EFFECTS
+            continue
+        assert kind.name in EFFECTS
+        parameters, _ = kind.make(0.5, kind.draw(np.random.default_rng(0)), shoulder[2])
+        if kind.same:
+            assert set(parameters) == {p.name for p in EFFECTS[kind.name].parameters}, kind.name
+
+
+@pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.name)
+def test_places_are_named_as_a_diagnosis_names_them(arm):
+    text = mjcf_of(arm, timestep=1e-3, integrator="Euler", is_general=True, has_effort=True)
+    plant = build_mjcf(text)
+    assert {f"joint:{link.joint}" for link in arm.links} <= set(plant.ports)
+    assert {"site:tip.x", "site:tip.y", "site:tip.z"} <= set(plant.ports)
+    assert tuple(tap.name for tap in plant.actuators) == arm.servos
+    for i, link in enumerate(arm.links):
+        servo = servo_of(plant, i)
+        assert (servo.gain, servo.damping, servo.limits[1]) == (link.gain, link.velocity_gain, link.limit)
+        assert (servo.inertia, servo.drag) == (link.armature, link.damping)
+
+
+def test_calibration_takes_up_what_a_benign_parameter_does(shoulder):
+    """A gain 2 % high is within its statement of 5 %; a command 20 ms late is not."""
+    arm, commands, _ = shoulder
+    benign, sigma = benign_of(STATED, DESK), np.full(3, 2e-4)
+    refit = ArmRefit(
+        lambda f: replace(arm, machine=built(DESK, f)).run(commands), {b.name: 0.0 for b in benign}, benign, sigma
+    )
+    stiffer = refit.size(replace(arm, machine=built(DESK, {"gain:shoulder_servo": 0.02})).run(commands))
+    assert stiffer.change > 1.0
+    assert stiffer.left < 0.1 * stiffer.change
+    late = refit.size(arm.with_way("chain", delay=0.02).run(commands))
+    assert late.left > 0.2 * late.change > 1.0
+
+
+@pytest.mark.parametrize("suite", ["in-library", "two-effects"])
+def test_hidden_effects_have_the_wanted_size(suite, monkeypatch):
+    monkeypatch.setattr(generator, "ARMS", (DESK,))
+    monkeypatch.setattr(generator, "SECONDS", (5.0,))
+    made = make_case(suite, ("arm",), 6, 0)
+    truth = made.truth
+    assert len(truth["hidden"]) == (2 if suite == "two-effects" else 1)
+    unit = np.hypot(1.0, truth["model_error"]["over_noise"])
+    assert 1.5 / 1.25 <= truth["size"]["left"] / unit <= 30 * 1.25
+    assert truth["size"]["of_signal"] <= 0.9
+    assert truth["step_halved"]["over_noise"] <= 0.1
+    for x in truth["hidden"]:
+        finding = {"effect": x["accepted"][0], "place": x["place"], "parameters": {}}
+        judged = judge(
+            {"case": "case-001", **truth}, {"verdict": "missing-physics", "findings": [finding], "seconds": 1.0}
+        )
+        assert judged.right_effect
+        assert judged.place_exact
+
+
+def test_sealed_arms_are_made_again_bit_for_bit(tmp_path, capsys):
+    conceal_cases(tmp_path / "cases", suites=["null"], count=2, seed=3, benches=["arm"], jobs=1)
+    status, _, _ = run(
+        capsys, "conceal", "--again", str(tmp_path / "cases"), "--out", str(tmp_path / "again"), "--jobs", "1"
+    )
+    assert status == 0
+    assert set(read_commitments(tmp_path / "again")["cases"]) == {"case-001", "case-002"}
+    status, out, _ = run(capsys, "check", str(tmp_path / "again" / "case-001"))
+    assert status == 0
+    assert "would refuse" in out
+
+
+def test_the_mixture_of_servo_cases_has_its_shares():
+    order = drawn_suites(["servo"], 60, 1)
+    share = {suite: order.count(suite) / 60 for suite in order}
+    assert share["null"] >= 0.2
+    assert share["out-of-library"] >= 0.15
+    assert share["two-effects"] >= 0.15

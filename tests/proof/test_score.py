@@ -66,6 +66,22 @@ def measure(judged, name):
     return next(m for m in measures(judged) if m["measure"].startswith(name))
 
 
+def test_partial_verdicts_count_apart_and_never_as_right():
+    two = truth(suite="two-effects", things=[hidden(), hidden("added-mass", "joint:drive")])
+    part = judge(two, answer(finding(), verdict="partly-explained"))
+    assert (part.part, part.all_right, part.is_wrong) == (True, False, True)
+    assert judge(two, answer(finding("stop"), verdict="partly-explained")).part is False
+    odd = truth(suite="out-of-library", things=[{**hidden("flow-damping"), "accepted": []}])
+    unknown = judge(odd, answer(finding("unknown-law"), verdict="unknown-law"))
+    assert (unknown.part, unknown.is_wrong) == (True, True)
+    assert judge(two, answer(finding())).part is None
+    rows = {m["measure"]: m["value"] for m in measures([part, unknown])}
+    assert rows["two effects: partly explained"] == 1.0
+    assert rows["out of library: place found, law unknown"] == 1.0
+    assert rows["partly explained, something hidden: right class"] == 1.0
+    assert not [m for m in measures([judge(two, answer(finding()))]) if "partly" in m["measure"]]
+
+
 # ---- one case -------------------------------------------------------------------------------------------------------
 
 
