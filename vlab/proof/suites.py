@@ -115,7 +115,10 @@ MIXTURES = {
     + ("two-effects", "masked", "near-threshold", "chain-only"),
     "structures": ("out-of-library", "null", "in-library", "in-library", "other-form", "two-effects")
     + ("null", "in-library") * 3,
-    "servo": ("in-library",) * 8 + ("null",) * 4 + ("two-effects", "out-of-library") * 3 + ("other-form",) * 2,
+    "servo": tuple(
+        "in-library null in-library out-of-library two-effects in-library other-form null in-library out-of-library "
+        "in-library two-effects null in-library in-library other-form out-of-library in-library two-effects null".split()
+    ),
     "all": tuple(SUITES),
 }
 """MIXTURES: mixed suites; the seed shuffles their order."""
@@ -200,7 +203,10 @@ def make_case(suite: str, benches: Sequence[str], seed: int, index: int, *, stru
 
 
 def _on_arm(wanted: Wanted) -> Wanted:
-    """Return the same content with the kinds of an arm; masked effects are those that calibration absorbs."""
+    """Return the content with the kinds of an arm.
+
+    Masked effects are those that calibration absorbs.
+    """
     absorbed = ABSORBED if wanted.suite == "masked" else wanted.absorbed
     return replace(wanted, kinds=ON_ARMS[wanted.suite], one_level=False, absorbed=absorbed)
 

@@ -1,4 +1,4 @@
-"""Concealed case of an arm on position servos: the arm as built, hidden effects, log, truth."""
+"""Concealed case of an arm on position servos: arm, hidden effects, log, truth."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -33,8 +33,8 @@ STATED: dict[str, tuple[float, ...]] = {
 EXACT = 1e-3
 """EXACT [-]: stated standard deviation of the encoders' gains; the true gains are exact."""
 WRONG, WRONG_PARTS, TWICE = 0.25, 1 / 3, (1.5, 2.5)
-"""WRONG, WRONG_PARTS, TWICE [-]: share of the cases with parameters about twice as far off as stated, share of such
-parameters there, and range of their deviation over the statement."""
+"""WRONG, WRONG_PARTS, TWICE [-]: share of the cases with parameters about twice as far off as stated, and share of such
+parameters there. The last is the range of their deviation over the statement."""
 RATES, SECONDS = {50.0: 0.25, 100.0: 0.5, 200.0: 0.25}, (5.0, 6.0, 8.0, 10.0)
 """RATES [Hz], SECONDS [s]: rates of the log with their frequencies, and lengths of the recordings."""
 TIMESTEPS = {0.001: 0.4, 0.002: 0.4, 0.005: 0.2}
@@ -210,7 +210,7 @@ def _plan(arm: Arm, rate_hz: float, rng: np.random.Generator) -> ArmPlan:
 def _noise(
     arm: Arm, setup: ServoArm, quiet: Array, rng: np.random.Generator
 ) -> tuple[Array, Array, Array, dict[str, Any]]:
-    """Draw the noise; return its standard deviation, itself, the steps of the encoders and their description."""
+    """Draw the noise; return standard deviations, values, encoder steps and a description."""
     n, (low, high) = setup.n, NOISE.get(arm.name, NOISE["arm"])
     where = float(rng.random())
     white = low * (high / low) ** where
@@ -246,7 +246,10 @@ def _substeps(rate_hz: float, most: float) -> int:
 def _hide(
     wanted: Wanted, drawn: _Drawn, rng: np.random.Generator
 ) -> tuple[list[Hidden], Size | None, dict[str, float] | None]:
-    """Draw hidden effects until their size is in the range of noise and model error together."""
+    """Draw hidden effects until their size is in the range.
+
+    Sizes count in units of noise and model error together.
+    """
     if not wanted.kinds:
         return [], None, None
     commands = drawn.plan.commands[:, :, drawn.plan.fit]
@@ -326,7 +329,10 @@ def _sized(
 
 
 def _to_size(one: Hidden, target: float, refit: ArmRefit, readings: Any) -> Hidden | None:
-    """Change the size of an effect to a target after calibration; None for an unreachable one."""
+    """Change the size of an effect to a target after calibration.
+
+    The result is None for an unreachable target.
+    """
     low, high = 0.0, np.inf  # bracket: too small, too large
     for _ in range(TRIES):
         try:
@@ -354,7 +360,7 @@ def _to_size(one: Hidden, target: float, refit: ArmRefit, readings: Any) -> Hidd
 
 
 def _refined(drawn: _Drawn, hidden: list[Hidden]) -> tuple[ServoArm, dict[str, float]]:
-    """Halve the step until that changes the first recording by less than a part of the noise."""
+    """Halve the step until the first recording stays within a part of the noise."""
     count = round(HALVED_S * drawn.setup.rate_hz)
     commands, sigma = drawn.plan.commands[:count, :, :1], drawn.sigma[None, :, None]
     setup = drawn.setup

@@ -1,11 +1,11 @@
-"""Commands to arms as users record them, and the way of a command into the loop of a drive."""
+"""Commands to arms as users record them, and their way into a drive."""
 
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.kernels.compilation import compiled
+from vlab.proof.generator.compilation import compiled
 from vlab.proof.generator.hardware import late, low_passed
 from vlab.signals import Array
 
@@ -150,9 +150,9 @@ def received(commands: Array, ways: Mapping[str, Array], *, step: float, substep
     return out
 
 
-@compiled()
+@compiled
 def _profile(target: Array, most: float, bend: float) -> Array:
-    """Return a target that moves with a limited slope, and changes its slope by a limited amount, per step."""
+    """Return a target with a limited slope and a limited change of slope per step."""
     out = np.empty_like(target)
     at, rate = target[0], 0.0
     for i in range(len(target)):

@@ -1,4 +1,4 @@
-"""Hidden effects of arms on servos: those of `vlab effects`, other forms of them, and physics outside the library."""
+"""Hidden effects of arms: in the library, in other forms, and outside it."""
 
 from collections.abc import Mapping
 from dataclasses import replace

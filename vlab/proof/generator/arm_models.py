@@ -1,4 +1,4 @@
-"""Three arms on position servos, of 3, 6 and 7 joints: their numbers, MJCF text and chains as built.
+"""Three arms on position servos, with 3, 6 and 7 joints.
 
 The equations of motion are those of `vlab.proof.generator.rigid_body`. The MJCF is text for the case and is not read here.
 """
@@ -221,7 +221,18 @@ ARMS = (DESK, BENCHTOP, FLOOR)
 
 
 def rotation_of(quat: tuple[float, float, float, float]) -> Array:
-    """Return the rotation of an unnormalised quaternion (w, x, y, z), (3, 3)."""
+    """Return the rotation of a quaternion.
+
+    Parameters
+    ----------
+    quat : tuple of float
+        Unnormalised quaternion (w, x, y, z).
+
+    Returns
+    -------
+    (3, 3) array
+        Rotation.
+    """
     w, x, y, z = np.array(quat) / np.linalg.norm(quat)
     return np.array(
         [

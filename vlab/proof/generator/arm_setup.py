@@ -52,7 +52,7 @@ class ServoArm:
         return replace(self, machine=self.machine.with_numbers(self.joint(place), **numbers))
 
     def with_way(self, place: str, **numbers: float) -> "ServoArm":
-        """Return the arm with another way of the commands to one drive, or to all of them (``chain``)."""
+        """Return the arm with another way of the commands; place ``chain`` is all drives."""
         ways = {name: values.copy() for name, values in self.ways.items()}
         for name, value in numbers.items():
             ways[name][slice(None) if place == "chain" else self.joint(place)] = value
@@ -149,8 +149,8 @@ def direct(n: int) -> dict[str, Array]:
 class ServoScale(Scale):
     """Signal sizes at a joint in the fit recordings, without hidden effects.
 
-    Fields of `Scale`: `z`, `v`, `slope` are the rms travel, the rms and the largest rate of the joint, `k` and `m` the
-    position gain and the inertia with the armature, `h` and `T` as there.
+    Of the fields of `Scale`, `z` is the rms travel, `v` and `slope` are the rms and the largest rate of the joint. `k` is
+    the position gain, `m` the inertia with the armature.
 
     Parameters
     ----------

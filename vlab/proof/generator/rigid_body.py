@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vlab.diagnose.kernels.compilation import compiled
+from vlab.proof.generator.compilation import compiled
 from vlab.signals import Array
 
 
@@ -57,7 +57,7 @@ class Chain:
         return len(self.mass)
 
     @property
-    def arrays(self) -> tuple[Array, ...]:
+    def arrays(self) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
         """All arrays in the order of the compiled functions."""
         return self.offset, self.turn, self.axis, self.mass, self.centre, self.inertia, self.gravity
 
@@ -131,7 +131,7 @@ class _Work:
         return self.origin, self.axis, self.centre, self.inertia
 
 
-@compiled()
+@compiled
 def rotation(axis: Array, angle: float, out: Array) -> None:
     """Write the rotation about a unit axis: Rodrigues' formula."""
     c, s = np.cos(angle), np.sin(angle)
@@ -142,14 +142,14 @@ def rotation(axis: Array, angle: float, out: Array) -> None:
     out[2, 0], out[2, 1], out[2, 2] = k * x * z - s * y, k * y * z + s * x, c + k * z * z
 
 
-@compiled()
+@compiled
 def _product(A: Array, B: Array, out: Array) -> None:
     for i in range(3):
         for j in range(3):
             out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
 
 
-@compiled()
+@compiled
 def place(
     q: Array,
     offset: Array,
@@ -186,20 +186,20 @@ def place(
                 inertias[i, k, j] = S[k, 0] * R[j, 0] + S[k, 1] * R[j, 1] + S[k, 2] * R[j, 2]
 
 
-@compiled()
+@compiled
 def _add_cross(a: Array, b: Array, by: float, out: Array) -> None:
     out[0] += by * (a[1] * b[2] - a[2] * b[1])
     out[1] += by * (a[2] * b[0] - a[0] * b[2])
     out[2] += by * (a[0] * b[1] - a[1] * b[0])
 
 
-@compiled()
+@compiled
 def _times(A: Array, b: Array, out: Array) -> None:
     for k in range(3):
         out[k] = A[k, 0] * b[0] + A[k, 1] * b[1] + A[k, 2] * b[2]
 
 
-@compiled()
+@compiled
 def masses(mass: Array, origins: Array, axes: Array, centres: Array, inertias: Array, M: Array) -> None:
     """Write the mass matrix by composite rigid bodies."""
     n = len(mass)
@@ -230,7 +230,7 @@ def masses(mass: Array, origins: Array, axes: Array, centres: Array, inertias: A
             M[j, i] = M[i, j]
 
 
-@compiled()
+@compiled
 def moments(
     v: Array, mass: Array, gravity: Array, origins: Array, axes: Array, centres: Array, inertias: Array, out: Array
 ) -> None:

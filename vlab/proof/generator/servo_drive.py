@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vlab.diagnose.kernels.compilation import compiled
+from vlab.proof.generator.compilation import compiled
 from vlab.proof.generator.rigid_body import Chain, masses, moments, place
 from vlab.signals import Array
 
@@ -177,21 +177,24 @@ def ideal(chain: Chain, **numbers: Array) -> Machine:
     return Machine(chain=chain, drives=drives)
 
 
-@compiled()
+@compiled
 def _within(x: float, low: float, high: float) -> float:
     return min(max(x, low), high)
 
 
-@compiled()
+@compiled
 def _error(e: float, d: Array) -> float:
     """Return the position error that a controller acts on."""
     e = e - _within(e, -d[_DEAD], d[_DEAD])
     return e - d[_SOFT] * np.tanh(e / d[_SOFT]) if d[_SOFT] > 0.0 else e
 
 
-@compiled()
+@compiled
 def _drive(u: float, x: float, rate: float, total: float, load: float, t: float, d: Array) -> float:
-    """Return the moment of a drive; `total` is the integral of its error, `load` its last moment."""
+    """Return the moment of a drive.
+
+    `total` is the integral of its error, `load` its last moment.
+    """
     gain = d[_KP] / (1.0 + d[_SAG] * abs(load))
     f = _within(gain * _error(u - x, d) + d[_KI] * total - d[_KV] * rate, d[_LOW], d[_HIGH])
     if d[_TANH] < np.inf:
@@ -199,9 +202,9 @@ def _drive(u: float, x: float, rate: float, total: float, load: float, t: float,
     return d[_TORQUE] * f * (1.0 + d[_RIPPLE] * np.sin(d[_RIPPLING] * t + d[_RIPPLED]))
 
 
-@compiled()
+@compiled
 def _passed(s: float, rate: float, d: Array) -> tuple[float, float]:
-    """Return the moment of a train at the deflection s, and its slope by the rate."""
+    """Return the moment of a train at a deflection, and its slope by the rate."""
     beyond = s - _within(s, -d[_GAP], d[_GAP])
     T = d[_TK] * beyond + d[_TC] * rate
     if d[_GAP] > 0.0 and T * beyond <= 0.0:  # within the play; and a tooth does not pull
@@ -209,7 +212,7 @@ def _passed(s: float, rate: float, d: Array) -> tuple[float, float]:
     return T, d[_TC]
 
 
-@compiled()
+@compiled
 def _inverse(A: Array, n: int, out: Array) -> None:
     """Write the inverse of a positive definite matrix, by Cholesky's factor; A is overwritten."""
     for j in range(n):
@@ -231,9 +234,9 @@ def _inverse(A: Array, n: int, out: Array) -> None:
             out[i, c] = total / A[i, i]
 
 
-@compiled()
+@compiled
 def _rub(v: Array, most: Array, less: Array, W: Array, impulse: Array, n: int) -> None:
-    """Add the impulses of dry friction to the rates at the end of a step, by projected sweeps."""
+    """Add the impulses of dry friction to the rates, by projected sweeps."""
     for i in range(n):
         impulse[i] = _within(impulse[i], -most[i], less[i])
         if impulse[i] != 0.0:
@@ -254,7 +257,7 @@ def _rub(v: Array, most: Array, less: Array, W: Array, impulse: Array, n: int) -
             return
 
 
-@compiled()
+@compiled
 def _march(
     first: Array,
     commands: Array,
@@ -324,7 +327,7 @@ def _march(
             last[i], v[i] = (end - v[i]) / h, end
 
 
-@compiled()
+@compiled
 def _coarse(
     first: Array,
     commands: Array,
@@ -363,7 +366,7 @@ def _coarse(
         q = q + h * v
 
 
-@compiled()
+@compiled
 def _load(
     i: int,
     m: int,
@@ -421,7 +424,7 @@ def _load(
         r[i] += T
 
 
-@compiled()
+@compiled
 def _oppose(i: int, rate: float, h: float, d: Array, hidden: Array, load: Array, most: Array, less: Array) -> None:
     """Write the largest impulses of dry friction against and along a joint."""
     level = d[_DRY] + d[_LOADED] * abs(load[i])
