@@ -105,6 +105,7 @@ SUITES: dict[str, Callable[[np.random.Generator], Wanted]] = {
     "chain-only": lambda rng: Wanted(suite="chain-only", kinds=(_CHAIN,)),
     "masked": _masked,
 }
+_SERVO = {"i": "in-library", "n": "null", "o": "out-of-library", "t": "two-effects", "f": "other-form"}
 MIXTURES = {
     "quick": ("in-library",) * 4
     + ("null",) * 3
@@ -115,10 +116,7 @@ MIXTURES = {
     + ("two-effects", "masked", "near-threshold", "chain-only"),
     "structures": ("out-of-library", "null", "in-library", "in-library", "other-form", "two-effects")
     + ("null", "in-library") * 3,
-    "servo": tuple(
-        "in-library null in-library out-of-library two-effects in-library other-form null in-library out-of-library "
-        "in-library two-effects null in-library in-library other-form out-of-library in-library two-effects null".split()
-    ),
+    "servo": tuple(_SERVO[letter] for letter in "iniotifnioitniifoitn"),
     "all": tuple(SUITES),
 }
 """MIXTURES: mixed suites; the seed shuffles their order."""
