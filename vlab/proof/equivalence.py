@@ -33,6 +33,8 @@ class Alike:
         Only where there is one sensor.
     small_phase : bool
         Only where the time that is hidden turns no phase by more than `SMALL_PHASE`.
+    everywhere : bool
+        Only where all commands of an arm are late, which has no other inputs.
     """
 
     effects: tuple[str, ...]
@@ -41,6 +43,7 @@ class Alike:
     at_actuator: bool = False
     one_sensor: bool = False
     small_phase: bool = False
+    everywhere: bool = False
 
 
 TABLE: tuple[Alike, ...] = (
@@ -53,6 +56,11 @@ TABLE: tuple[Alike, ...] = (
         effects=("actuator-delay", "actuator-lag"),
         why="while it is short, a delay and a first-order lag turn phases alike and leave amplitudes",
         small_phase=True,
+    ),
+    Alike(
+        effects=("actuator-delay", "sensor-delay"),
+        why="an arm whose commands are all late moves late as a whole, and so do late readings",
+        everywhere=True,
     ),
     Alike(effects=("sensor-delay", "sensor-lag"), why="as for the actuator", small_phase=True),
     Alike(
@@ -84,6 +92,7 @@ def right_class(truth: dict[str, Any], hidden: dict[str, Any]) -> set[str]:
             and (not row.at_actuator or hidden["at_actuator"])
             and (not row.one_sensor or len(truth["sigma"]) == 1)
             and (not row.small_phase or _phase(truth, hidden) <= SMALL_PHASE)
+            and (not row.everywhere or hidden["place"] == "chain")
         )
         if fits and names & set(row.effects):
             out |= set(row.effects)

@@ -67,7 +67,7 @@ def generator_digest() -> str:
     root = Path(vlab.__file__).parent
     made = [_sources(root / "proof", pattern) for pattern in ("generator/*.py", "suites.py", "writing.py")]
     made += [_sources(root / room, "*.py") for room in ("fe", "structure")]
-    return digest([*made, _structures(), *(metadata.version(name) for name in VERSIONS[1:])])
+    return digest([*made, _structures(), *(metadata.version(name) for name in (*VERSIONS[1:], "numba"))])
 
 
 def _structures() -> str:

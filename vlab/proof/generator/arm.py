@@ -305,17 +305,24 @@ def _places(kind: Kind, arm: Arm) -> list[str]:
     }[kind.on]
 
 
+def _joint(place: str, setup: ServoArm) -> int:
+    """Return the joint of a place; the last one for the tip and for all servos."""
+    return setup.n - 1 if place in ("chain", "site:tip") else setup.joint(place)
+
+
 def _sized(
     wanted: Wanted, drawn: _Drawn, refit: ArmRefit, scales: Any, readings: Any, rng: np.random.Generator
 ) -> list[Hidden] | None:
     """Draw effects and places, and find the size of each alone."""
     out: list[Hidden] = []
+    taken: set[int] = set()
     for candidates in wanted.kinds:
         others = tuple(k for k in candidates if k.name not in {x.kind.name for x in out})
         kind = others[int(rng.integers(len(others)))]
-        options = _places(kind, drawn.arm)
+        options = [p for p in _places(kind, drawn.arm) if _joint(p, drawn.setup) not in taken]
         place = options[int(rng.integers(len(options)))]
-        joint = drawn.setup.joint(place) if ":" in place and place != "site:tip" else drawn.setup.n - 1
+        joint = _joint(place, drawn.setup)
+        taken |= {joint} if len(options) > 1 else set()
         scale = replace(scales[joint], each=scales)
         spread = (refit.null - refit.null.mean(axis=0)) / drawn.sigma[None, :, None]
         most = min(wanted.high, LARGEST * float(np.sqrt(np.mean(spread**2))))

@@ -1,7 +1,7 @@
 """Loops compiled by numba, cached where the installation allows it."""
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from numba import njit
 
@@ -24,7 +24,7 @@ def compiled(function: F) -> F:
         Compiled function.
     """
     try:
-        made: F = njit(cache=True)(function)
+        made: Any = njit(cache=True)(function)
     except RuntimeError:  # numba: "no locator available"
         made = njit(function)
-    return made
+    return cast(F, made)
