@@ -306,7 +306,7 @@ def _places(kind: Kind, arm: Arm) -> list[str]:
 
 
 def _joint(place: str, setup: ServoArm) -> int:
-    """Return the joint of a place; the last one for the tip and for all servos."""
+    """Return the joint of a place, the last one for tip and chain."""
     return setup.n - 1 if place in ("chain", "site:tip") else setup.joint(place)
 
 
