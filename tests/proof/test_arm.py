@@ -14,6 +14,7 @@ from vlab.physics.servo import servo_of
 from vlab.plants.mjcf import build_mjcf
 from vlab.proof.case_folder import write_case
 from vlab.proof.conceal import conceal_cases
+from vlab.proof.equivalence import right_class
 from vlab.proof.generator import arm as generator
 from vlab.proof.generator.arm import conceal_arm
 from vlab.proof.generator.arm_commands import MOTIONS, motion, received
@@ -27,6 +28,7 @@ from vlab.proof.generator.rigid_body import Chain
 from vlab.proof.generator.servo_drive import ideal
 from vlab.proof.judge import judge
 from vlab.proof.prove import read_commitments
+from vlab.proof.servo_scoring import ARM_HZ
 from vlab.proof.suites import arm_kinds, drawn_suites, make_case
 
 STATED = {"mass": 0.05, "inertia": 0.1, "damping": 0.3, "gain": 0.05}
@@ -367,6 +369,14 @@ def test_hidden_effects_have_the_wanted_size(suite, monkeypatch):
         )
         assert judged.right_effect
         assert judged.place_exact
+
+
+def test_short_delays_of_an_arm_are_in_class_with_lags():
+    truth = {"bench": "arm", "one_level": False, "sigma": [1.0, 1.0]}
+    x = {"accepted": ["actuator-delay"], "at_actuator": True, "place": "actuator:yaw_servo"}
+    short, long = ({**x, "parameters": {"delay": 0.1 / (2 * np.pi * ARM_HZ) * by}} for by in (0.9, 1.1))
+    assert right_class(truth, short) == {"actuator-delay", "actuator-lag"}
+    assert right_class(truth, long) == {"actuator-delay"}
 
 
 def test_sealed_arms_are_made_again_bit_for_bit(tmp_path, capsys):

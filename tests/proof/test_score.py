@@ -8,6 +8,7 @@ import pytest
 from vlab.proof.equivalence import TABLE, right_class
 from vlab.proof.judge import judge, same_place
 from vlab.proof.score import baseline_rows, confusion, measures, score
+from vlab.proof.servo_scoring import is_part_right, partial_rows
 from vlab.proof.sparse_regression import sparse_terms
 from vlab.proof.statistics import Rate, brier, calibration, clustered_interval, detection_limit
 
@@ -68,18 +69,22 @@ def measure(judged, name):
 
 def test_partial_verdicts_count_apart_and_never_as_right():
     two = truth(suite="two-effects", things=[hidden(), hidden("added-mass", "joint:drive")])
-    part = judge(two, answer(finding(), verdict="partly-explained"))
-    assert (part.part, part.all_right, part.is_wrong) == (True, False, True)
-    assert judge(two, answer(finding("stop"), verdict="partly-explained")).part is False
     odd = truth(suite="out-of-library", things=[{**hidden("flow-damping"), "accepted": []}])
-    unknown = judge(odd, answer(finding("unknown-law"), verdict="unknown-law"))
-    assert (unknown.part, unknown.is_wrong) == (True, True)
-    assert judge(two, answer(finding())).part is None
-    rows = {m["measure"]: m["value"] for m in measures([part, unknown])}
+    part, unknown = (
+        answer(finding(), verdict="partly-explained"),
+        answer(finding("unknown-law"), verdict="unknown-law"),
+    )
+    assert is_part_right(two, part)
+    assert not is_part_right(two, answer(finding("stop"), verdict="partly-explained"))
+    assert is_part_right(odd, unknown)
+    assert judge(two, part).is_wrong
+    assert judge(odd, unknown).is_wrong
+    rows = {m["measure"]: m["value"] for m in partial_rows({"a": two, "b": odd}, {"a": part, "b": unknown})}
     assert rows["two effects: partly explained"] == 1.0
     assert rows["out of library: place found, law unknown"] == 1.0
     assert rows["partly explained, something hidden: right class"] == 1.0
-    assert not [m for m in measures([judge(two, answer(finding()))]) if "partly" in m["measure"]]
+    assert rows["place found, law unknown, something hidden: right place"] == 1.0
+    assert partial_rows({"a": two}, {"a": answer(finding())}) == []
 
 
 # ---- one case -------------------------------------------------------------------------------------------------------

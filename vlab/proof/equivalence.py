@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-BAND_HZ = {"slider": 24.0, "shaft": 30.0, "beam": 45.0, "grid": 15.0, "arm": 6.0}
+BAND_HZ = {"slider": 24.0, "shaft": 30.0, "beam": 45.0, "grid": 15.0}
 """Highest frequency that the commands of a bench hold."""
 SMALL_PHASE = 0.1
 """Phase [rad] at that frequency up to which a delay and a lag are alike: a lag differs from it by half its square, half a per cent
@@ -33,8 +33,6 @@ class Alike:
         Only where there is one sensor.
     small_phase : bool
         Only where the time that is hidden turns no phase by more than `SMALL_PHASE`.
-    everywhere : bool
-        Only where all commands of an arm are late, which has no other inputs.
     """
 
     effects: tuple[str, ...]
@@ -43,7 +41,6 @@ class Alike:
     at_actuator: bool = False
     one_sensor: bool = False
     small_phase: bool = False
-    everywhere: bool = False
 
 
 TABLE: tuple[Alike, ...] = (
@@ -57,20 +54,10 @@ TABLE: tuple[Alike, ...] = (
         why="while it is short, a delay and a first-order lag turn phases alike and leave amplitudes",
         small_phase=True,
     ),
-    Alike(
-        effects=("actuator-delay", "sensor-delay"),
-        why="an arm whose commands are all late moves late as a whole, and so do late readings",
-        everywhere=True,
-    ),
     Alike(effects=("sensor-delay", "sensor-lag"), why="as for the actuator", small_phase=True),
     Alike(
         effects=("force-offset", "actuator-offset"),
         why="a constant force along an actuator is the actuator's own offset",
-        at_actuator=True,
-    ),
-    Alike(
-        effects=("viscous-damping", "servo-velocity-gain"),
-        why="within the limits of its force the velocity gain of a servo is a damper at its joint",
         at_actuator=True,
     ),
     Alike(effects=("viscous-damping", "quadratic-drag"), why="one level gives one damping ratio", one_level=True),
@@ -92,7 +79,6 @@ def right_class(truth: dict[str, Any], hidden: dict[str, Any]) -> set[str]:
             and (not row.at_actuator or hidden["at_actuator"])
             and (not row.one_sensor or len(truth["sigma"]) == 1)
             and (not row.small_phase or _phase(truth, hidden) <= SMALL_PHASE)
-            and (not row.everywhere or hidden["place"] == "chain")
         )
         if fits and names & set(row.effects):
             out |= set(row.effects)

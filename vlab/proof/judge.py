@@ -10,8 +10,6 @@ from vlab.proof.equivalence import right_class
 MOST_ERROR = 10.0
 """Relative error of a parameter that an answer does not give, and of any that is further off."""
 NAMED, NOTHING, ABSTAINED = "missing-physics", "nothing-missing", "none-of-these"
-PARTLY, UNKNOWN = "partly-explained", "unknown-law"
-"""PARTLY, UNKNOWN: verdicts that name a part of the mismatch, or a place alone. They count apart, and never as right."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,9 +77,6 @@ class Judged:
     error: str = ""
     truth_place: str = ""
     place: str = ""
-    part: bool | None = None
-    """Of a partial verdict: whether its first finding is in class (`PARTLY`), or at the place (`UNKNOWN`), of something
-    hidden. None for other verdicts."""
 
     @property
     def is_wrong(self) -> bool:
@@ -128,18 +123,7 @@ def judge(truth: dict[str, Any], answer: dict[str, Any]) -> Judged:
         error=answer.get("error", ""),
         truth_place=" + ".join(h["place"] for h in hidden),
         place=first["place"] if first else "",
-        part=_part(truth, answer),
     )
-
-
-def _part(truth: dict[str, Any], answer: dict[str, Any]) -> bool | None:
-    """Return whether the first finding of a partial verdict speaks of something hidden."""
-    first: dict[str, Any] | None = next(iter(answer.get("findings", [])), None)
-    if answer["verdict"] == PARTLY:
-        return first is not None and any(first["effect"] in right_class(truth, h) for h in truth["hidden"])
-    if answer["verdict"] == UNKNOWN:
-        return first is not None and any(same_place(first["place"], h) for h in truth["hidden"])
-    return None
 
 
 def _is_claimed(hidden: dict[str, Any], finding: dict[str, Any]) -> bool:

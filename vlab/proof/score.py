@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vlab.proof.equivalence import right_class
-from vlab.proof.judge import ABSTAINED, NAMED, NOTHING, PARTLY, UNKNOWN, Judged
+from vlab.proof.judge import ABSTAINED, NAMED, NOTHING, Judged
 from vlab.proof.statistics import brier, calibration, clustered_interval, detection_limit, rate
 
 HEADLINE = ("in-library", "other-form", "two-effects", "chain-only", "masked")
@@ -81,27 +81,7 @@ def measures(judged: Sequence[Judged]) -> list[dict[str, Any]]:
                of=len(probability)),
         _value("expected calibration error", [e] if (e := calibration(probability, outcome)[0]) is not None else [],
                np.mean, at_most=0.05, of=len(probability)),
-        *_partial(judged),
     ]  # fmt: skip
-
-
-def _partial(judged: Sequence[Judged]) -> list[dict[str, Any]]:
-    """Return the rows of verdicts that name a part of the mismatch or a place alone; none without such verdicts."""
-    out = []
-    for verdict, words in ((PARTLY, "partly explained"), (UNKNOWN, "place found, law unknown")):
-        of_it = [j for j in judged if j.verdict == verdict]
-        if not of_it:
-            continue
-        for name, group in (
-            ("in library", [j for j in judged if j.suite in HEADLINE and j.in_library]),
-            ("two effects", [j for j in judged if len(j.hidden) == 2 and j.in_library]),
-            ("out of library", [j for j in judged if j.suite == "out-of-library"]),
-            ("null", [j for j in judged if j.suite == "null"]),
-        ):
-            out.append(_rate(f"{name}: {words}", [j.verdict == verdict for j in group]))
-        what = "right class" if verdict == PARTLY else "right place"
-        out.append(_rate(f"{words}, something hidden: {what}", [bool(j.part) for j in of_it if j.hidden]))
-    return out
 
 
 def _probabilities(judged: Sequence[Judged]) -> tuple[list[float], list[bool]]:

@@ -116,12 +116,16 @@ def _carrying(arm: ServoArm, mass: float, away: Any, size: float) -> ServoArm:
 
 FRICTION = ("coulomb-friction", "stribeck-friction", "lugre-friction", "smooth-friction")
 PROFILE = ("rate-limit", "slew-limit")
+BRAKES = ("servo-velocity-gain", "viscous-damping")
+"""BRAKES: one law within the limits of a drive's force, hence both names are right."""
+LATE = ("actuator-delay", "sensor-delay")
+"""LATE: alike where all commands are late, since an arm has no other inputs."""
 _TRAIN = {"zeta": (0.03, 0.3, "log"), "share": (0.2, 0.9)}
 _STRIBECK = {"excess": (0.4, 1.2), "speed": (0.05, 0.3, "log")}
 ARM_LIBRARY: tuple[Kind, ...] = (
     Kind(name="servo-position-gain", family="servo", on="servo", shapes={"sign": "sign"}, most=0.6,
          make=lambda s, p, at: ({"gain": (g := p["sign"] * s)}, _scaled(gain=1 + g))),
-    Kind(name="servo-velocity-gain", family="servo", on="servo", shapes={"sign": "sign"}, most=0.8,
+    Kind(name="servo-velocity-gain", family="servo", on="servo", shapes={"sign": "sign"}, most=0.8, accepted=BRAKES,
          make=lambda s, p, at: ({"gain": (g := p["sign"] * s)}, _scaled(velocity_gain=1 + g))),
     Kind(name="servo-torque-constant", family="servo", on="servo", shapes={"sign": "sign"}, most=0.6,
          make=lambda s, p, at: ({"gain": (g := p["sign"] * s)}, _scaled(torque=1 + g))),
@@ -137,7 +141,7 @@ ARM_LIBRARY: tuple[Kind, ...] = (
          make=lambda s, p, at: ({"offset": (o := p["sign"] * s * at.z)}, _way(offset=o))),
     Kind(name="actuator-delay", family="timing", on="servo", start=0.5, most=8.0,
          make=lambda s, p, at: ({"delay": (d := s * TICK_S)}, _way(delay=d))),
-    Kind(name="actuator-delay", family="timing", on="all servos", start=0.5, most=8.0,
+    Kind(name="actuator-delay", family="timing", on="all servos", start=0.5, most=8.0, accepted=LATE,
          make=lambda s, p, at: ({"delay": (d := s * TICK_S)}, _way(delay=d))),
     Kind(name="actuator-lag", family="timing", on="servo", start=0.5, most=15.0,
          make=lambda s, p, at: ({"time_constant": (d := s * TICK_S)}, _way(lag=d))),
@@ -156,7 +160,7 @@ ARM_LIBRARY: tuple[Kind, ...] = (
          accepted=FRICTION, shapes={"draw": (0.0, 1e9)}, same=False),
     Kind(name="stribeck-friction", family="friction", on="all joints", form="in every joint", make=_sticking, most=0.15,
          accepted=FRICTION, shapes={"draw": (0.0, 1e9), **_STRIBECK}, same=False),
-    Kind(name="viscous-damping", family="damping", on="joint", most=2.0, start=0.2,
+    Kind(name="viscous-damping", family="damping", on="joint", most=2.0, start=0.2, accepted=BRAKES[::-1],
          make=lambda s, p, at: ({"damping": (c := s * at.brake)}, _added(damping=c))),
     Kind(name="rotary-inertia", family="mass", on="joint", most=2.0, start=0.1,
          make=lambda s, p, at: ({"inertia": (i := s * at.m)}, _added(armature=i))),
