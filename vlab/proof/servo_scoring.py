@@ -1,4 +1,4 @@
-"""Scoring of what came after the rules were set down: the bench of arms, and verdicts that name a part.
+"""Scoring of arms, and of verdicts that name a part.
 
 The rules of `vlab.proof.manifest.SCORING` stay as they were when the stored answers were frozen.
 """
