@@ -8,6 +8,7 @@ import pytest
 from vlab.proof.equivalence import TABLE, right_class
 from vlab.proof.judge import judge, same_place
 from vlab.proof.score import baseline_rows, confusion, measures, score
+from vlab.proof.servo_scoring import is_part_right, partial_rows
 from vlab.proof.sparse_regression import sparse_terms
 from vlab.proof.statistics import Rate, brier, calibration, clustered_interval, detection_limit
 
@@ -64,6 +65,26 @@ def answer(*findings, verdict=None, gap=0.9, **more):
 
 def measure(judged, name):
     return next(m for m in measures(judged) if m["measure"].startswith(name))
+
+
+def test_partial_verdicts_count_apart_and_never_as_right():
+    two = truth(suite="two-effects", things=[hidden(), hidden("added-mass", "joint:drive")])
+    odd = truth(suite="out-of-library", things=[{**hidden("flow-damping"), "accepted": []}])
+    part, unknown = (
+        answer(finding(), verdict="partly-explained"),
+        answer(finding("unknown-law"), verdict="unknown-law"),
+    )
+    assert is_part_right(two, part)
+    assert not is_part_right(two, answer(finding("stop"), verdict="partly-explained"))
+    assert is_part_right(odd, unknown)
+    assert judge(two, part).is_wrong
+    assert judge(odd, unknown).is_wrong
+    rows = {m["measure"]: m["value"] for m in partial_rows({"a": two, "b": odd}, {"a": part, "b": unknown})}
+    assert rows["two effects: partly explained"] == 1.0
+    assert rows["out of library: place found, law unknown"] == 1.0
+    assert rows["partly explained, something hidden: right class"] == 1.0
+    assert rows["place found, law unknown, something hidden: right place"] == 1.0
+    assert partial_rows({"a": two}, {"a": answer(finding())}) == []
 
 
 # ---- one case -------------------------------------------------------------------------------------------------------

@@ -33,7 +33,7 @@ def write_case(case: Concealed, folder: Path) -> None:
         columns |= {f"y{j + 1}": case.outputs[:, j, i] for j in range(case.outputs.shape[1])}
         pq.write_table(pa.table(columns), folder / file, compression="zstd", use_dictionary=False)
         lines += ["[[recording]]", *_keys({"file": file, "role": recording.role, "rate_hz": case.blueprint.rate_hz})]
-        lines += ['initial = "rest"']
+        lines += _keys({"initial": case.blueprint.initial}) if case.blueprint.initial else []
         for j, name in enumerate(driven):
             channel = {"column": f"u{j + 1}", "at": name, "kind": case.blueprint.input_kind}
             lines += ["[[recording.channel]]", *_keys(channel), f'unit = "{case.blueprint.input_unit}"']

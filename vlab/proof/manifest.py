@@ -16,7 +16,7 @@ from vlab.proof.seal import canonical, digest, files_digest
 VERSIONS = ("mujoco", "numpy", "scipy", "pyarrow")
 SCORING = ("proof/equivalence.py", "proof/judge.py", "proof/score.py", "proof/statistics.py")
 """SCORING: sources of the rules of scoring."""
-NOT_ANSWERING = ("views/", "cli/", "reproduce/", "demo", "bench", *SCORING)
+NOT_ANSWERING = ("views/", "cli/", "reproduce/", "demo", "bench", "proof/servo_scoring.py", *SCORING)
 """NOT_ANSWERING: sources without influence on answers."""
 ASSETS = ("beam.toml", "grid.toml", "laboratory.toml")
 
@@ -67,7 +67,7 @@ def generator_digest() -> str:
     root = Path(vlab.__file__).parent
     made = [_sources(root / "proof", pattern) for pattern in ("generator/*.py", "suites.py", "writing.py")]
     made += [_sources(root / room, "*.py") for room in ("fe", "structure")]
-    return digest([*made, _structures(), *(metadata.version(name) for name in VERSIONS[1:])])
+    return digest([*made, _structures(), *(metadata.version(name) for name in (*VERSIONS[1:], "numba"))])
 
 
 def _structures() -> str:

@@ -17,6 +17,7 @@ from vlab.proof.judge import Judged, judge
 from vlab.proof.manifest import manifest, scoring_digest
 from vlab.proof.score import baseline_rows, score
 from vlab.proof.seal import committed, digest, folder_digest, read_json, read_shaped, write_json
+from vlab.proof.servo_scoring import partial_rows
 from vlab.proof.truth import check_remade, note_opening, open_truth
 
 MANIFEST, ANSWERS, FROZEN, SCORE = "manifest.json", "answers", "frozen.json", "score.json"
@@ -145,6 +146,7 @@ def _counted(
     check_remade(truths, commitments, remade, out, engine, jobs, scheduler, progress)
     judged = [judge(truths[name], answer) for name, answer in answers.items()]
     found = score(judged)
+    found["measures"] += partial_rows(truths, answers)
     found["baselines"] = baseline_rows(judged, answers, truths)
     found["plan"] = truths["plan"]
     found["never_hidden"] = sorted(

@@ -7,6 +7,8 @@ import numpy as np
 
 from vlab.errors import BadExperiment, unknown_name
 from vlab.proof.generator import built_structure, laboratory
+from vlab.proof.generator.arm import conceal_arm
+from vlab.proof.generator.arm_effects import ARM_FORMS, ARM_LIBRARY, ARM_STRANGE
 from vlab.proof.generator.bench import Blueprint
 from vlab.proof.generator.concealed import Concealed, Wanted, conceal
 from vlab.proof.generator.forms import FORMS
@@ -24,11 +26,13 @@ SOURCES: dict[str, dict[str, Callable[[], Blueprint]]] = {
     SHARED_FE: {**_RIGS, "beam": laboratory.beam, "grid": laboratory.grid},
 }
 """SOURCES: benches by the source of the structures; the rigs are the same."""
-BENCHES = tuple(SOURCES[OWN_FE])
-OPEN_LOOP = {OWN_FE: ("slider", "beam", "grid"), SHARED_FE: ("slider",)}
-"""OPEN_LOOP: benches without cases in a loop; the slider has no velocity sensor."""
-SHARES = {"slider": 0.44, "shaft": 0.44, "beam": 0.09, "grid": 0.03}
-"""SHARES [-]: frequency of each bench; a case of a structure takes as long as ten of a rig."""
+ARM = "arm"
+"""ARM: bench of arms on position servos, see `vlab.proof.generator.arm`."""
+BENCHES = (*SOURCES[OWN_FE], ARM)
+OPEN_LOOP = {OWN_FE: ("slider", "beam", "grid", ARM), SHARED_FE: ("slider", ARM)}
+"""OPEN_LOOP: benches without cases in a loop; the slider has no velocity sensor, and an arm closes its own loops."""
+SHARES = {"slider": 0.44, "shaft": 0.44, "beam": 0.09, "grid": 0.03, ARM: 0.09}
+"""SHARES [-]: frequency of each bench; a case of a structure or an arm takes as long as ten of a rig."""
 DETECTABLE, OBVIOUS = 1.5, 30.0
 """DETECTABLE, OBVIOUS [-]: range of sizes after calibration, in units of the noise, of all suites but near-threshold."""
 NEAR = (0.1, 1.5)
@@ -76,6 +80,21 @@ def _strange(rng: np.random.Generator) -> Wanted:
     return Wanted(suite="out-of-library", kinds=(kinds,), in_loop=in_loop, one_level=one_level)
 
 
+_AT_SERVOS = tuple(k for k in ARM_LIBRARY if k.on in ("servo", "all servos"))
+_AT_JOINTS = tuple(k for k in ARM_LIBRARY if k.on in ("joint", "all joints", "tip"))
+ON_ARMS: dict[str, tuple[tuple[Kind, ...], ...]] = {
+    "in-library": (ARM_LIBRARY,),
+    "other-form": (ARM_FORMS,),
+    "out-of-library": (ARM_STRANGE,),
+    "null": (),
+    "near-threshold": (ARM_LIBRARY,),
+    "two-effects": (_AT_JOINTS, ARM_LIBRARY),
+    "chain-only": (_AT_SERVOS,),
+    "masked": (ARM_LIBRARY,),
+}
+"""ON_ARMS: kinds of hidden effects on the bench of arms, by suite."""
+
+
 SUITES: dict[str, Callable[[np.random.Generator], Wanted]] = {
     "in-library": lambda rng: Wanted(suite="in-library", kinds=(LIBRARY,)),
     "other-form": lambda rng: Wanted(suite="other-form", kinds=(FORMS,)),
@@ -86,6 +105,7 @@ SUITES: dict[str, Callable[[np.random.Generator], Wanted]] = {
     "chain-only": lambda rng: Wanted(suite="chain-only", kinds=(_CHAIN,)),
     "masked": _masked,
 }
+_SERVO = {"i": "in-library", "n": "null", "o": "out-of-library", "t": "two-effects", "f": "other-form"}
 MIXTURES = {
     "quick": ("in-library",) * 4
     + ("null",) * 3
@@ -96,6 +116,7 @@ MIXTURES = {
     + ("two-effects", "masked", "near-threshold", "chain-only"),
     "structures": ("out-of-library", "null", "in-library", "in-library", "other-form", "two-effects")
     + ("null", "in-library") * 3,
+    "servo": tuple(_SERVO[letter] for letter in "iniotifnioitniifoitn"),
     "all": tuple(SUITES),
 }
 """MIXTURES: mixed suites; the seed shuffles their order."""
@@ -169,11 +190,23 @@ def make_case(suite: str, benches: Sequence[str], seed: int, index: int, *, stru
         shares = np.array([SHARES[b] for b in possible])
         bench = str(rng.choice(possible, p=shares / shares.sum()))
         try:
-            made = conceal(SOURCES[structures][bench](), wanted, rng)
+            if bench == ARM:
+                made = conceal_arm(_on_arm(wanted), rng)
+            else:
+                made = conceal(SOURCES[structures][bench](), wanted, rng)
             return replace(made, truth={**made.truth, "attempt": attempt})
         except BadExperiment as error:
             last = error
     raise last or BadExperiment(f"the suite {suite!r} has no case on {', '.join(benches)}; add another bench")
+
+
+def _on_arm(wanted: Wanted) -> Wanted:
+    """Return the content with the kinds of an arm.
+
+    Masked effects are those that calibration absorbs.
+    """
+    absorbed = ABSORBED if wanted.suite == "masked" else wanted.absorbed
+    return replace(wanted, kinds=ON_ARMS[wanted.suite], one_level=False, absorbed=absorbed)
 
 
 def check_benches(names: Sequence[str]) -> None:
@@ -190,5 +223,10 @@ def check_source(name: str) -> None:
 
 
 def kinds() -> tuple[Kind, ...]:
-    """Return all kinds of hidden effects."""
+    """Return all kinds of hidden effects of the linear benches."""
     return (*LIBRARY, *FORMS, *STRANGE)
+
+
+def arm_kinds() -> tuple[Kind, ...]:
+    """Return all kinds of hidden effects of arms."""
+    return (*ARM_LIBRARY, *ARM_FORMS, *ARM_STRANGE)

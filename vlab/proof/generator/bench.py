@@ -217,7 +217,43 @@ class Benign:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Blueprint:
+class Nominal:
+    """Content of a case but for its recordings.
+
+    Parameters
+    ----------
+    name, title : str
+        Names of the bench and of the case.
+    model : mapping of str to str
+        Table ``[model]`` of the case.
+    files : mapping of str to str
+        Files of the nominal model.
+    uncertain : mapping
+        Table ``[model.uncertain]`` of the case.
+    rate_hz : float
+        Sample rate of recordings and commands [Hz].
+    input_kind, input_unit : str
+        Quantity and unit of the commands.
+    exciters : tuple of str
+        Actuators in the order of the commands.
+    initial : str
+        State at the first sample, as the case states it; empty if not.
+    """
+
+    name: str
+    title: str
+    model: Mapping[str, str]
+    files: Mapping[str, str] = field(default_factory=dict)
+    uncertain: Mapping[str, float]
+    rate_hz: float
+    input_kind: str
+    input_unit: str
+    exciters: tuple[str, ...] = ()
+    initial: str = "rest"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Blueprint(Nominal):
     """Kind of bench: assembly from log-factors, and content of its case.
 
     Parameters
@@ -228,14 +264,6 @@ class Blueprint:
         Maps log-factors to M, C and K in mesh coordinates.
     benign : tuple of Benign
         Parameters that vary from case to case without missing physics.
-    model : mapping of str to str
-        Table ``[model]`` of the case.
-    files : mapping of str to str
-        Files of the nominal model.
-    uncertain : mapping
-        Table ``[model.uncertain]`` of the case.
-    rate_hz : float
-        Sample rate of recordings and commands [Hz].
     substeps : int
         Integration steps per sample.
     seconds : float
@@ -260,25 +288,16 @@ class Blueprint:
         Highest mode in the calibration [Hz], for benches in their modes.
     """
 
-    name: str
-    title: str
     build: Callable[[Mapping[str, float], Mapping[str, float]], Bench]
     matrices: Callable[[Mapping[str, float]], tuple[Array, Array, Array]]
     benign: tuple[Benign, ...]
-    model: Mapping[str, str]
-    files: Mapping[str, str] = field(default_factory=dict)
-    uncertain: Mapping[str, float]
-    rate_hz: float
     substeps: int
     seconds: float
     band_hz: tuple[float, float]
     force: float
-    input_kind: str
-    input_unit: str
     place_sd: float = 0.0
     noise_db: tuple[float, float] | None = None
     fits: int | None = None
     command_step: float = 0.0
     per_period: int = 16
     refit_hz: float = float("inf")
-    exciters: tuple[str, ...] = ()

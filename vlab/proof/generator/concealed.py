@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vlab.errors import BadExperiment, Diverged
-from vlab.proof.generator.bench import Bench, Blueprint
+from vlab.proof.generator.bench import Bench, Blueprint, Nominal
 from vlab.proof.generator.hardware import Converted, Output, Pickup
 from vlab.proof.generator.hidden import Hidden, Kind, places_for
 from vlab.proof.generator.integration import Feedback
@@ -79,7 +79,7 @@ class Concealed:
         Plain values.
     """
 
-    blueprint: Blueprint
+    blueprint: Nominal
     plan: Plan
     sensors: tuple[tuple[str, str, str], ...]
     outputs: Array

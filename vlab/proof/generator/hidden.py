@@ -10,9 +10,12 @@ from vlab.proof.generator.bench import Bench
 from vlab.proof.generator.law import Law
 from vlab.signals import Array
 
-On = Literal["point", "element", "any", "coil", "actuator", "sensor", "sensor and coil", "two sensors"]
+On = Literal[
+    "point", "element", "any", "coil", "actuator", "sensor", "sensor and coil", "two sensors",
+    "servo", "all servos", "joint", "all joints", "tip",
+]  # fmt: skip
 """Places of an effect. Point or joint; elastic element; either of both; driven point; actuator; sensor; sensor with
-pick-up of a coil or another sensor."""
+pick-up of a coil or another sensor. On an arm: a servo or all, a joint or all, the payload's point."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,6 +91,8 @@ class Action:
         Changes samples of a sensor, (n, runs), before its noise.
     reading : callable
         Changes samples after the noise, as a converter does.
+    servo : callable
+        Maps an arm on servos and the place to the changed arm.
     """
 
     bench: Callable[[Bench, str], Bench] | None = None
@@ -96,6 +101,7 @@ class Action:
     force: Callable[[Array, Signals], Array] | None = None
     sensor: Callable[[Array, Signals], Array] | None = None
     reading: Callable[[Array, Signals], Array] | None = None
+    servo: Callable[[Any, str], Any] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,7 +117,7 @@ class Kind:
     accepted : tuple of str
         Right answers; empty outside the library.
     make : callable
-        Maps size, drawn shapes and scales to parameters and action. Parameters are in SI, with the names of `vlab
+        Maps size, drawn shapes and scales (a `Scale`) to parameters and action. Parameters are in SI, with the names of `vlab
         effects` for the same law.
     shapes : mapping
         Draws besides the size: name to (low, high), uniform; (low, high, "log"), log-uniform; ``"sign"``, +-1.
@@ -124,7 +130,7 @@ class Kind:
     name: str
     family: str
     on: On
-    make: Callable[[float, Mapping[str, float], Scale], tuple[dict[str, float], Action]]
+    make: Callable[[float, Mapping[str, float], Any], tuple[dict[str, float], Action]]
     shapes: Mapping[str, Any] = field(default_factory=dict)
     form: str = ""
     accepted: tuple[str, ...] = ()
