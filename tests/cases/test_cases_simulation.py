@@ -357,3 +357,33 @@ def test_what_is_unstable_begins_at_rest_only_where_it_stands_still(tmp_path, up
     angle = np.array([[0.05], [0.1], [3.0]])
     assert begins_at_rest(angle, np.array([True]), plant) == begins
     assert begins_at_rest(np.array([[0.0], [0.1], [3.0]]), np.array([True]), plant)
+
+
+def test_the_effort_of_a_servo_that_held_before_the_record_is_right_from_the_first_reading(tmp_path):
+    """A held link: the servo's moment balances gravity, and its command stood before the first sample."""
+    model = (
+        '<mujoco><option timestep="0.001"/><worldbody><body><joint name="arm" axis="0 1 0" damping="0.2"/>'
+        '<inertial pos="0.5 0 0" mass="1" diaginertia="0.01 0.01 0.01"/></body></worldbody>'
+        '<actuator><position name="servo" joint="arm" kp="80" kv="4" forcerange="-12 12"/></actuator>'
+        '<sensor><actuatorfrc name="effort" actuator="servo"/></sensor></mujoco>'
+    )
+    time, hold = np.arange(200) / 100.0, 0.4
+    angle = 0.3  # where the servo's moment is that of gravity
+    for _ in range(50):
+        angle = hold + 9.81 * 0.5 * np.cos(angle) / 80
+    moment = np.full(time.size, 80 * (hold - angle))
+    body = (
+        "rate_hz = 100\n"
+        + channel("u", "servo", "command", "rad", 'input = true\nhold = "zero"')
+        + channel("q", "joint:arm", "angle", "rad")
+        + channel("m", "effort", "moment", "N m")
+    )
+    folder = write_case(tmp_path, model, "u,q,m", [np.full(time.size, hold), np.full(time.size, angle), moment], body)
+    case = load_case(folder)
+    (run,) = case.runs(("fit",))
+    found = simulate(case.plant, run)
+    assert found.initial.how == "estimated"
+    np.testing.assert_allclose(
+        found.recording["effort"], moment, rtol=1e-3
+    )  # the force limit would show at the first reading
+    np.testing.assert_allclose(found.recording["joint:arm"], angle, atol=1e-5)

@@ -132,7 +132,7 @@ def _responses(problem: StartProblem, omega: Array, linear: SecondOrderModel) ->
     time, names = window.measured.time, [d.channel for d in window.drives]
     inputs = window.measured.select(names).data if names else np.zeros((len(time), 0))
     held = np.array([d.is_held for d in window.drives], dtype=bool)
-    present = np.where(held, before(inputs), inputs)
+    present = np.where(held, before(inputs, stood=True), inputs)
     steps = np.diff(time)[: 1 if window.measured.is_uniform else None]
     n, p = 2 * m, B.shape[1]
     blocks = np.zeros((steps.size, n + p, n + p))

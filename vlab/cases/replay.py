@@ -328,7 +328,7 @@ def play(
     physics = _physics(bench, run, clock, state, is_at_rest)
     callback = nullcontext() if physics is None else control_callback(bench.data, physics.callback)
     with computable(f"{run.name}: the model as it moves"), callback:
-        return _played(bench, run, clock, state, law, physics, progress)
+        return _played(bench, run, clock, state, law, physics, progress, is_at_rest)
 
 
 def _played(
@@ -339,11 +339,12 @@ def _played(
     law: Law | None,
     physics: Running | None,
     progress: Callable[[float], None],
+    is_at_rest: bool,
 ) -> Played:
     plant, model, data = bench.plant, bench.model, bench.data
-    means, present = drives_of(run, clock, plant)
+    means, present = drives_of(run, clock, plant, stood=not is_at_rest)
     loads = [drive for drive in run.drives if drive.port]
-    load_means, load_present = inputs_of(run, clock, loads)
+    load_means, load_present = inputs_of(run, clock, loads, stood=not is_at_rest)
     ports = [plant.port(drive.port) for drive in loads]
     push = None if law is None else _chain(law, run, clock)
     controls = plant.control_matrix

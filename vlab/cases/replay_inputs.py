@@ -12,7 +12,7 @@ from vlab.plants.base import Plant
 from vlab.signals import Array
 
 
-def drives_of(run: Run, clock: Clock, plant: Plant) -> tuple[Array, Array]:
+def drives_of(run: Run, clock: Clock, plant: Plant, *, stood: bool = False) -> tuple[Array, Array]:
     """Return mean and present inputs of all actuators.
 
     Parameters
@@ -23,6 +23,8 @@ def drives_of(run: Run, clock: Clock, plant: Plant) -> tuple[Array, Array]:
         Clock of the run.
     plant : Plant
         Plant with its actuators.
+    stood : bool
+        See `before`.
 
     Returns
     -------
@@ -39,7 +41,7 @@ def drives_of(run: Run, clock: Clock, plant: Plant) -> tuple[Array, Array]:
     means = np.zeros(((clock.readings - 1) * clock.steps, len(plant.actuators)))
     present = np.zeros((clock.readings, len(plant.actuators)))
     drives = [drive for drive in run.drives if drive.actuator is not None]
-    each, now = inputs_of(run, clock, drives)
+    each, now = inputs_of(run, clock, drives, stood=stood)
     for i, drive in enumerate(drives):
         if drive.actuator is None:
             continue
@@ -66,7 +68,7 @@ def _through_chain(run: Run, clock: Clock, channel: str) -> Array:
     return np.resize(forces, steps) if forces.size >= steps else np.pad(forces, (0, steps - forces.size), mode="edge")
 
 
-def inputs_of(run: Run, clock: Clock, drives: Sequence[Drive]) -> tuple[Array, Array]:
+def inputs_of(run: Run, clock: Clock, drives: Sequence[Drive], *, stood: bool = False) -> tuple[Array, Array]:
     """Return mean and present values of inputs.
 
     Parameters
@@ -77,6 +79,8 @@ def inputs_of(run: Run, clock: Clock, drives: Sequence[Drive]) -> tuple[Array, A
         Clock of the run.
     drives : sequence of Drive
         Inputs.
+    stood : bool
+        See `before`.
 
     Returns
     -------
@@ -100,6 +104,8 @@ def inputs_of(run: Run, clock: Clock, drives: Sequence[Drive]) -> tuple[Array, A
         else:
             means[:, i] = held_means(time, values, np.arange(steps + 1) * clock.timestep)
             present[1:, i] = means[clock.steps - 1 :: clock.steps, i]
+        if stood and drive.is_held and steps:
+            present[0, i] = means[0, i]
         if drive.is_first:
             present[:, i] = values[
                 np.maximum(np.searchsorted(time, clock.times + 0.5 * clock.steps * clock.timestep, side="right") - 1, 0)
@@ -107,9 +113,22 @@ def inputs_of(run: Run, clock: Clock, drives: Sequence[Drive]) -> tuple[Array, A
     return means, present
 
 
-def before(u: Array) -> Array:
-    """Return the held commands (n, ...) before each sample."""
-    return np.concatenate([np.zeros_like(u[:1]), u[:-1]])
+def before(u: Array, *, stood: bool = False) -> Array:
+    """Return the held commands before each sample.
+
+    Parameters
+    ----------
+    u : (n, ...) array
+        Commands.
+    stood : bool
+        Whether the first command also stood before the record, as in a record that begins in motion; zero otherwise.
+
+    Returns
+    -------
+    (n, ...) array
+        Commands before the samples.
+    """
+    return np.concatenate([u[:1] if stood else np.zeros_like(u[:1]), u[:-1]])
 
 
 def held_means(time: Array, values: Array, edges: Array) -> Array:

@@ -375,11 +375,15 @@ def signals_of(
     recorded = y.copy()
     inputs = np.zeros((len(grid), n_actuators + len(port_names)))
 
+    slow = np.array([order < 2 for order in orders])
+    is_driven = bool(run.drives) or commands is not None
+    stood = run.initial != "rest" and not (is_driven and begins_at_rest(y, slow, plant))
+
     def add(column: int, values: Array, is_held: bool, is_first: bool = False) -> None:
         mean = interval_means(time, values, is_held, grid)
         inputs[:, column] += mean
         if feedthrough is not None and feedthrough.shows(column):
-            now = before(values) if is_held and not is_first else values
+            now = before(values, stood=stood) if is_held and not is_first else values
             y[:] -= feedthrough.ahead(column, mean, on_grid(time, now, grid, thin), h * thin)
 
     for drive in run.drives:
@@ -397,8 +401,6 @@ def signals_of(
     recorded, y, u, load, usable = recorded[part], y[part], u[part], load[part], usable[part]
     scale = np.std(recorded, axis=0)
     scale = np.where(scale > 0, scale, np.abs(recorded).max(axis=0, initial=0.0) + 1e-12)
-    slow = np.array([order < 2 for order in orders])
-    is_driven = bool(run.drives) or commands is not None
     starts = is_driven and begins_at_rest(y, slow, plant)
     return Signals(
         name=run.name,
