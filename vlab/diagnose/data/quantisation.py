@@ -101,7 +101,7 @@ def _step(values: Array, least: float) -> tuple[float, float] | None:
 
 
 def _jumps(values: Array, step: float) -> bool:
-    """Return whether a series jumps from step to step: values after a jump stand on the steps."""
+    """Return whether values after a jump stand on the steps."""
     moved = values[1:][np.abs(np.diff(values)) > 0.5 * step]
     least = QUANTISATION.sharp if np.std(values) >= step else QUANTISATION.exact
     return moved.size >= QUANTISATION.fewest_jumps and abs(np.exp(2j * np.pi * moved / step).mean()) > least
