@@ -20,7 +20,6 @@ from vlab.diagnose.advice import (
     refuted_note,
     spoilt_note,
 )
-from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.quality import assess_quality
 from vlab.diagnose.data_findings import DataFindings, look_at_data
 from vlab.diagnose.diagnosis import NAMING, Attempt, Diagnosis, Finding, RejectedCase, Verdict, reject_case
@@ -317,9 +316,12 @@ class _Pass:
         def terms_of(fit: Fit) -> list[Finding]:
             return findings_of_terms(judged.choice, fit, problem)
 
+        is_plausible = has_plausible_parameters(judged.confirmed.before)
+        decide = partial(decide_verdict, judged.choice, is_structure=searched.is_structure, is_plausible=is_plausible)
+
         def verdict_on(trials: Trials, tried: Attempt) -> Verdict:
             fitted = partial(_on_fit_runs, trials, tried.fit, terms_of(tried.fit))
-            return decide_verdict(judged.choice, tried.checked, seen, is_structure=searched.is_structure, fitted=fitted)
+            return decide(tried.checked, seen, fitted=fitted)
 
         tried = trials.of(fit, terms_of(fit))
         verdict = verdict_on(trials, tried)
@@ -395,7 +397,7 @@ class _Pass:
             next_measurement=_separating_experiment(searched, judged)
             or next_measurement(choice, verdict, [f.effect for f in findings], attempt),
             attempt=attempt,
-            quality=(*seen.damage.lines, *(_interference_note(hum) for hum in seen.benign_interferences)),
+            quality=(*seen.damage.lines, *(hum.line for hum in seen.benign_interferences)),
             notes=self._notes(searched, judged, checked),
             calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},
             residual_is_small=is_within_noise(checked, is_structure=is_structure),
@@ -457,11 +459,6 @@ def _sought(effects: Sequence[Effect], at: Collection[str]) -> list[Effect]:
 def _on_fit_runs(trials: Trials, fit: Fit, terms: Sequence[Finding]) -> Sequence[Checked]:
     """Return the errors on the fitted recordings."""
     return replace(trials, runs=trials.problem.runs).of(fit, terms).checked
-
-
-def _interference_note(hum: MainsInterference) -> str:
-    lines = " and ".join(f"{k * hum.frequency:.2f}" for k in hum.harmonics)
-    return f"{hum.channel}: mains interference at {lines} Hz, {100 * hum.share:.2g} % of its rms; removed before the search"
 
 
 def _mismatch(checked: Sequence[Checked]) -> dict[str, Any]:

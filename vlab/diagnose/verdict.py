@@ -275,9 +275,13 @@ def decide_verdict(
     seen: DataFindings,
     *,
     is_structure: bool,
+    is_plausible: bool = True,
     fitted: Callable[[], Sequence[Checked]] = list,
 ) -> Verdict:
     """Return the verdict on the checked recordings.
+
+    A residual counts as coloured noise only beside a calibrated model with plausible parameters. Implausible parameters
+    show that the model lacks something, and short recordings show the coherence of a residual poorly.
 
     Parameters
     ----------
@@ -289,6 +293,8 @@ def decide_verdict(
         Findings from the data alone.
     is_structure : bool
         Whether mesh error counts as model error.
+    is_plausible : bool
+        Whether the parameters of the calibrated model agree with the case.
     fitted : callable
         Returns the errors on fitted recordings.
 
@@ -312,6 +318,6 @@ def decide_verdict(
     tests = not all(run.is_idle for run in checked)
     if is_followed and (shows or (tests and is_needed(choice, checked, is_structure=is_structure))):
         return "missing-physics"
-    if not unexplained or is_incoherent(checked):
+    if not unexplained or (is_plausible and is_incoherent(checked)):
         return "nothing-missing"
     return "bad-recording" if seen.damage.warnings else "none-of-these"

@@ -70,6 +70,12 @@ class MainsInterference:
             out += (band.amplitude(frequency) * np.exp(2j * np.pi * frequency * time)).real
         return out
 
+    @property
+    def line(self) -> str:
+        """Note on a benign interference."""
+        lines = " and ".join(f"{k * self.frequency:.2f}" for k in self.harmonics)
+        return f"{self.channel}: mains interference at {lines} Hz, {100 * self.share:.2g} % of its rms; removed before the search"
+
     def expected(self, run: Run) -> Array:
         """Return the interference (n,) of a run, scaled to the rms over all recordings.
 
