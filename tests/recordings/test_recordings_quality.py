@@ -135,6 +135,24 @@ def test_derivatives_of_each_other_in_right_units_have_no_findings(noise):
     assert findings(place(noise=noise)) == ()
 
 
+@pytest.mark.parametrize("factor", [1.0, 1.3])
+def test_the_rate_of_a_joint_between_taught_positions_is_the_derivative_of_its_angle(factor):
+    """Slow moves of a second at 50 Hz: their leakage must not look like a wrong unit."""
+    time = np.arange(500) / 50.0
+    rng = np.random.default_rng(11)
+    angle, rate = np.zeros(time.size), np.zeros(time.size)
+    for begin in (0.5, 2.0, 3.4, 5.2, 7.1, 8.3):
+        travel, share = rng.uniform(-0.5, 0.5), np.clip(time - begin, 0.0, 1.0)
+        angle += travel * (share - np.sin(2 * np.pi * share) / (2 * np.pi))
+        rate += travel * (1 - np.cos(2 * np.pi * share))
+    data = np.column_stack([angle, factor * rate]) + 1e-4 * rng.normal(size=(time.size, 2))
+    labels = [("q", "angle", "rad"), ("w", "angular-velocity", "rad/s")]
+    channels = [Channel(name=n, kind=kind, unit=unit, at="joint:elbow") for n, kind, unit in labels]
+    found = [f for f in findings(Recording(time=time, data=data, channels=channels)) if f.kind == "units"]
+    assert bool(found) == (factor != 1.0)
+    assert all("1.3 times the derivative of q" in f.text for f in found)
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 @pytest.mark.parametrize(
     ("factor", "text"),

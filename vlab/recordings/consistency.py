@@ -88,26 +88,33 @@ def mismatches(recording: Recording, moving: list[int]) -> Iterator[Mismatch]:
     if len(recording) < _SHORTEST or not recording.is_uniform:
         return
     channels = recording.channels
-    spectra: dict[int, NDArray[Any]] = {}
-    omega = 2 * np.pi * np.fft.rfftfreq(len(recording), 1 / recording.rate)
-    inside = (omega > 3 * omega[1]) & (omega < 0.8 * omega[-1])  # above the window's width and below the Nyquist line
-    if not inside.any():
-        return
     for family in _FAMILIES:
         for low, high in ((0, 1), (1, 2), (0, 2)):
             for i in (k for k in moving if channels[k].kind == family[low] and channels[k].at):
                 for j in (k for k in moving if channels[k].kind == family[high] and channels[k].at == channels[i].at):
-                    for k in (i, j):
-                        if k not in spectra:
-                            spectra[k] = _spectrum(recording.data[:, k])[inside]
-                    ratio = _ratio(spectra[i] * (1j * omega[inside]) ** (high - low), spectra[j])
+                    ratio = _ratio(*_spectra(recording.data[:, i], recording.data[:, j], high - low, recording.rate))
                     if ratio is not None and abs(ratio - 1) > 2 * NEAR:
                         yield Mismatch(i, j, ratio)
 
 
+def _spectra(values: NDArray[Any], other: NDArray[Any], order: int, rate: float) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the spectra of a channel's derivative and of another channel.
+
+    The window acts on differences, because slow motion would leak into the derivative of a windowed channel. The gains
+    of the difference, and of the mean over its interval, are divided out.
+    """
+    derivative = np.diff(values, order) * rate**order
+    beside = 0.5 * (other[1:] + other[:-1]) if order == 1 else other[1:-1]
+    share = np.fft.rfftfreq(derivative.size)  # cycles per sample
+    inside = (share > 3 * share[1]) & (share < 0.4)  # above the window's width and below the Nyquist line
+    gain = np.cos(np.pi * share[inside]) if order == 1 else 1.0
+    return _spectrum(derivative)[inside] / np.sinc(share[inside]) ** order, _spectrum(beside)[inside] / gain
+
+
 def _spectrum(values: NDArray[Any]) -> NDArray[Any]:
     centred = values - values.mean()
-    return np.fft.rfft(centred / np.abs(centred).max() * np.hanning(values.size)) * np.abs(centred).max()
+    size = np.abs(centred).max() or 1.0
+    return np.asarray(np.fft.rfft(centred / size * np.hanning(values.size)) * size)
 
 
 def _ratio(expected: NDArray[Any], measured: NDArray[Any]) -> float | None:
@@ -116,6 +123,8 @@ def _ratio(expected: NDArray[Any], measured: NDArray[Any]) -> float | None:
     The result is None for incoherent spectra.
     """
     sizes = np.abs(expected), np.abs(measured)
+    if not expected.size:
+        return None
     strong = (sizes[0] > _STRONG * sizes[0].max()) & (sizes[1] > _STRONG * sizes[1].max())
     x, y = expected[strong], measured[strong]
     power, cross = np.vdot(x, x).real, np.vdot(x, y)
