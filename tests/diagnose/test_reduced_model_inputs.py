@@ -186,6 +186,7 @@ def test_what_comes_out_late_in_a_window_was_commanded_before_it(tmp_path, name)
     np.testing.assert_allclose(cut, whole, atol=1e-4 * np.abs(whole).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "values"),
     [

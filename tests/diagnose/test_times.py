@@ -157,6 +157,7 @@ def test_the_force_of_a_limited_servo_is_that_of_mujoco(tmp_path):
 # ---- screening and diagnosis ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*DELAYS, "late reading"])
 def test_the_screening_starts_near_a_delay(tmp_path, name):
     """The linear prediction alone puts a delay within an eighth of a cycle of 10 Hz, without a fit."""

@@ -59,6 +59,7 @@ def inner(series):
     return series[15:-15].ravel()
 
 
+@pytest.mark.slow
 def test_the_force_that_a_motion_asks_for_is_the_one_that_is_hidden(screen, place):
     """A straight line through the speed, whose slope is the damper's constant."""
     term = Term(effect=EFFECTS[EFFECT], place=place, values={"damping": SIZE})

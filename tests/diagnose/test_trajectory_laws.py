@@ -100,6 +100,7 @@ def test_the_motion_that_a_system_is_linear_about_changes_nothing(name, compiled
     assert np.abs(about_rest - free).max() > 0.02  # the law acts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["viscous-damping", "cubic-stiffness", "quadratic-drag"])
 def test_finer_steps_between_samples_go_on_along_the_same_motion(name):
     """Between samples the motion is a cubic, which is off by the fourth power of the interval."""

@@ -379,6 +379,7 @@ def test_short_delays_of_an_arm_are_in_class_with_lags():
     assert right_class(truth, long) == {"actuator-delay"}
 
 
+@pytest.mark.slow
 def test_sealed_arms_are_made_again_bit_for_bit(tmp_path, capsys):
     conceal_cases(tmp_path / "cases", suites=["null"], count=1, seed=3, benches=["arm"], jobs=1)
     status, _, _ = run(

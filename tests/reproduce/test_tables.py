@@ -40,6 +40,7 @@ def test_every_determined_cell_of_the_grid_is_inside_its_tolerance(grid_tables):
         assert table.ok, [cell for cell in table.cells if cell.determined and not cell.ok]
 
 
+@pytest.mark.slow
 def test_the_claimed_tolerances_are_the_honest_ones(beam_tables, grid_tables):
     # what the reconstruction can hold; nothing wider may slip in
     assert {c.tolerance for c in beam_tables["8"].cells if c.column == "lqg"} == {0.01}
