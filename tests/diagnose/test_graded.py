@@ -15,7 +15,7 @@ from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Candidate, Term
 from vlab.diagnose.pipeline import diagnose
-from vlab.diagnose.search.forward_selection import further_effects, in_all_joints, is_one_law, laws_in_all_joints
+from vlab.diagnose.search.forward_selection import further_effects, in_all_joints, laws_in_all_joints
 from vlab.diagnose.validation.gap import block_log_ratios, explained_share, predicts_better
 from vlab.diagnose.validation.horizon import is_predicted, parts_of
 from vlab.diagnose.validation.simulation import ExtendedModel, check
@@ -162,7 +162,7 @@ def test_joints_where_a_law_does_nothing_are_left_out():
 
     (found,) = in_all_joints(table, fit, fit_of())
     assert asked == [["joint:0", "joint:1", "joint:2"], ["joint:0", "joint:2"]]
-    assert is_one_law(found)
+    assert found.is_one_law
 
 
 # ---- the horizon -----------------------------------------------------------------------------------------------------

@@ -235,3 +235,15 @@ def test_a_parameter_of_few_values_costs_no_more_than_their_number():
     assert hold.score == pytest.approx(delay.score)
     few = hypothesis(1.0, "actuator-hold", effective_samples=9.0)
     assert few.score == pytest.approx(-np.log(3))
+
+
+def test_a_law_in_all_joints_is_chosen_though_no_smaller_set_leads_to_it():
+    """Friction in six joints: one joint alone explains little, and sets of three to five effects were not fitted."""
+    everywhere = hypothesis(1.2, *["coulomb-friction"] * 6, force=1.0)
+    one = hypothesis(44.0, "coulomb-friction", force=1.0)
+    pair = hypothesis(33.0, "coulomb-friction", "servo-error-dead-zone", force=1.0)
+    before = hypothesis(57.0)
+    for others in ((everywhere, pair, one), (everywhere, one), (everywhere,)):
+        assert chosen(before, *others) == ["coulomb-friction"] * 6
+    useless = hypothesis(32.9, *["coulomb-friction"] * 6, force=1.0)  # further joints must pay
+    assert len(chosen(before, pair, useless, one)) < 6

@@ -72,6 +72,13 @@ def test_a_joint_may_be_locked_by_the_constraint():
     assert plant.rest[0] == pytest.approx(0.003, abs=5e-4)
 
 
+@pytest.mark.parametrize("offset", [-1.0, -0.9, 0.5])
+def test_the_coupling_keeps_its_offset(offset):
+    """A rest length of minus one is MuJoCo's default, which stands for the length in the reference configuration."""
+    plant = build_mjcf(hand(poly=f"{offset} {RATIO} 0 0 0"))
+    assert plant.rest[0] - RATIO * plant.rest[1] == pytest.approx(offset, abs=0.01)
+
+
 def test_the_coupling_is_no_place_and_no_uncertain_stiffness():
     plant = build_mjcf(hand())
     assert not any(name.startswith("tendon:") for name in plant.ports)

@@ -65,7 +65,7 @@ def couple_by_tendons(spec: Any) -> list[str]:
     names = ", ".join(f"{e.name or e.name1!s}" for e in found)
     for equality in found:
         spec.delete(equality)
-    return [f"coupled joints ({names}): the equality constraint acts as a fixed tendon of equal dynamics"]
+    return [f"coupled joints ({names}): the equality constraint acts as a stiff fixed tendon"]
 
 
 def _add_tendon(spec: Any, model: Any, data: Any, equality: Any) -> None:
@@ -85,7 +85,7 @@ def _add_tendon(spec: Any, model: Any, data: Any, equality: Any) -> None:
     impedance, stiffness = _impedance(model, equality)
     frequency = np.sqrt(stiffness * impedance / (1.0 - impedance) / (approximate * mass))
     frequency = min(float(frequency), FASTEST / model.opt.timestep)
-    tendon.springlength = [length, length]
+    tendon.springlength = [length, np.nextafter(length, np.inf)]  # MuJoCo takes two equal values of -1 as not given
     ratio = DAMPING_IMPLICIT if model.opt.integrator in IMPLICIT else DAMPING
     tendon.stiffness[0], tendon.damping[0] = mass * frequency**2, 2.0 * ratio * mass * frequency
 

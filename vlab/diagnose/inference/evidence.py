@@ -74,6 +74,11 @@ class Hypothesis:
         return self.fit.terms
 
     @property
+    def is_one_law(self) -> bool:
+        """Whether the effects are one law at several locations."""
+        return len(self.terms) > 1 and len({term.effect.name for term in self.terms}) == 1
+
+    @property
     def label(self) -> str:
         """Effects and locations in one string."""
         return " + ".join(t.label for t in self.terms) or "nothing"

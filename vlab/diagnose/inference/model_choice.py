@@ -163,6 +163,7 @@ def choose_model(found: Found) -> Choice:
         two = doubles[0]
         if _excess(before) - _excess(two) >= MODEL_CHOICE.together * _excess(before) and gain_beyond(two, before) > 0:
             best = two
+    best = _with_one_law(found, best)
     if best is before:
         return Choice(best=before, alike=(), probability=1.0, ranking=_ranking(found, before), places={})
     same = [h for h in found.hypotheses if len(h.terms) == len(best.terms)]
@@ -179,6 +180,17 @@ def choose_model(found: Found) -> Choice:
         gained=gain_beyond(best, before),
         is_prior_driven=is_prior_driven(best, before) or is_plausible_alone(best, before),
     )
+
+
+def _with_one_law(found: Found, best: Hypothesis) -> Hypothesis:
+    """Return one law at many locations where the law pays, with further effects that pay.
+
+    No hypothesis with one effect less leads to such a law.
+    """
+    laws = [h for h in found.hypotheses if h.is_one_law and len(h.terms) > len(best.terms)]
+    if not laws or gain_beyond(laws[0], best) <= 0.0:
+        return best
+    return _with_more_effects(found, laws[0])
 
 
 def _with_more_effects(found: Found, best: Hypothesis) -> Hypothesis:

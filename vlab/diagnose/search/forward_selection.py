@@ -68,10 +68,10 @@ class ForwardSelection:
             All hypotheses; of each set of effects the one of best score.
         """
         out = list(hypotheses)
-        if self._goes_on([*out, self.before]) and not any(is_one_law(h) for h in out):
+        if self._goes_on([*out, self.before]) and not any(h.is_one_law for h in out):
             out += in_all_joints(self.candidates, self._fitted, self.before.long_fit)
         best = by_score([*out, self.before])[0]
-        level = [best if is_one_law(best) else self.before]
+        level = [best if best.is_one_law else self.before]
         while self._goes_on([*out, self.before]) and len(level[0].terms) < FORWARD_SELECTION.most_effects:
             further = by_score(*(self._beside(seed) for seed in self._seeds(level)))
             count = len(level[0].terms) + 1
@@ -168,11 +168,6 @@ def in_all_joints(
         return fit(terms, found.long_fit) if idle and terms else found
 
     return side_by_side(acting, laws_in_all_joints(candidates))
-
-
-def is_one_law(hypothesis: Hypothesis) -> bool:
-    """Return whether a hypothesis is one law at several locations."""
-    return len(hypothesis.terms) > 1 and len({term.effect.name for term in hypothesis.terms}) == 1
 
 
 def laws_in_all_joints(candidates: Sequence[Candidate]) -> list[list[Candidate]]:
