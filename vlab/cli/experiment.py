@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--plant",
         default=default.plant,
-        help="simulate this plant: composite (default), fe (grid only), modal, or linear (exact steps, the fastest; linear laws "
+        help="simulate this plant: composite (default), fe, modal, or linear (exact steps, the fastest; linear laws "
         "and no effects)",
     )
     parser.add_argument(

@@ -184,14 +184,19 @@ def _flats(values: Array, at_extreme: NDArray[np.bool_]) -> tuple[Array, Array]:
     return np.asarray(last - first, dtype=float), np.minimum(before, after)
 
 
+EXTREMES = {"upper": "largest value", "lower": "smallest value"}
+"""EXTREMES [-]: names of a command's extremes, which are limits or intended."""
+
+
 def _clipping(recording: Recording, index: int) -> Iterator[Finding]:
     """Yield findings on a channel's limits."""
     channel, values = recording.channels[index], recording.data[:, index]
     for side, at_limit in flat_tops(values).items():
         first, last = runs(at_limit)
         long = last - first >= CLIPPED_RUN
+        where = f"stands at its {EXTREMES[side]}" if _drives(channel) else f"stops at its {side} limit of"
         text = (
-            f"{channel.name} stops at its {side} limit of {values[at_limit][0]:g} {channel.unit} "
+            f"{channel.name} {where} {values[at_limit][0]:g} {channel.unit} "
             f"{_count(int(long.sum()), 'time')}, up to {int((last - first).max())} samples, "
             f"{100 * at_limit.mean():.2g} % of the samples, first at t = {recording.time[first[long][0]]:g} s"
         )
