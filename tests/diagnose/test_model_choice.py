@@ -245,5 +245,7 @@ def test_a_law_in_all_joints_is_chosen_though_no_smaller_set_leads_to_it():
     before = hypothesis(57.0)
     for others in ((everywhere, pair, one), (everywhere, one), (everywhere,)):
         assert chosen(before, *others) == ["coulomb-friction"] * 6
+    mixed = hypothesis(1.2, *["coulomb-friction"] * 5, "smooth-friction", force=1.0)  # one of the forms made plainer
+    assert len(chosen(before, mixed, pair, one)) == 6
     useless = hypothesis(32.9, *["coulomb-friction"] * 6, force=1.0)  # further joints must pay
     assert len(chosen(before, pair, useless, one)) < 6

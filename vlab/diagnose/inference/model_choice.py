@@ -183,11 +183,14 @@ def choose_model(found: Found) -> Choice:
 
 
 def _with_one_law(found: Found, best: Hypothesis) -> Hypothesis:
-    """Return one law at many locations where the law pays, with further effects that pay.
+    """Return one family of laws at many locations where the laws pay, with further effects that pay.
 
-    No hypothesis with one effect less leads to such a law.
+    No hypothesis with one effect less leads to such laws. Their forms may differ, as friction with and without a smooth
+    transition does.
     """
-    laws = [h for h in found.hypotheses if h.is_one_law and len(h.terms) > len(best.terms)]
+    laws = [
+        h for h in found.hypotheses if len(h.terms) > len(best.terms) and len({t.effect.family for t in h.terms}) == 1
+    ]
     if not laws or gain_beyond(laws[0], best) <= 0.0:
         return best
     return _with_more_effects(found, laws[0])
