@@ -183,7 +183,7 @@ def choose_model(found: Found) -> Choice:
 
 
 def _with_one_law(found: Found, best: Hypothesis) -> Hypothesis:
-    """Return one family of laws at many locations where the laws pay, with further effects that pay.
+    """Return laws of one family at many locations, where the laws pay.
 
     No hypothesis with one effect less leads to such laws. Their forms may differ, as friction with and without a smooth
     transition does.
