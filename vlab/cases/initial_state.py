@@ -28,7 +28,7 @@ from vlab.cases.refined_start import refine, window_residual
 from vlab.cases.replay import Bench, State, at_timestep, bench_for
 from vlab.errors import BadCase, BadStructure, Diverged
 from vlab.fe.second_order import SecondOrderModel
-from vlab.plants.base import Plant
+from vlab.plants.base import ONE_WAY, Plant
 from vlab.signals import Array, Channel, Recording
 
 PERIODS = 2.0
@@ -62,8 +62,6 @@ STIFF = 3e-3
 speed of a joint on a stiff servo decays before the first sample and would fit noise."""
 _ACCELERATIONS = ("acceleration", "angular-acceleration", "force", "moment")
 """Kinds of channels that respond to acceleration."""
-_ONE_WAY = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-"""Joint types with one degree of freedom."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -308,7 +306,7 @@ def _servoed(plant: Plant, run: Run) -> dict[int, tuple[str, float]]:
         is_affine = model.actuator_biastype[i] == int(mujoco.mjtBias.mjBIAS_AFFINE)
         is_servo = is_affine and model.actuator_biasprm[i, 1] == -gain
         dof = int(model.jnt_dofadr[joint])
-        if is_servo and gain > 0 and gear and model.jnt_type[joint] in _ONE_WAY and dof not in shown:
+        if is_servo and gain > 0 and gear and model.jnt_type[joint] in ONE_WAY and dof not in shown:
             out[dof] = (drive.channel, 1.0 / float(gear))
     return out
 

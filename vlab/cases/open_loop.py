@@ -7,15 +7,13 @@ import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
 
-from vlab.plants.base import check_run
+from vlab.plants.base import ONE_WAY, check_run
 from vlab.signals import Array
 
 FULL = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
 """FULL [-]: MuJoCo's state with everything that a step depends on."""
 CHECK_EVERY = 500
 """CHECK_EVERY [steps]: integration steps between two checks for divergence, and between two reports of progress."""
-_ONE_WAY = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-"""Joint types whose position is the integral of their velocity."""
 
 
 def run_open_loop(
@@ -83,7 +81,7 @@ def motion_of(model: Any, states: Array) -> tuple[Array, Array]:
 def _move_back(model: Any, states: Array, ahead: float) -> None:
     """Move the positions of states back along their velocities, in place."""
     qpos, qvel = motion_of(model, states)
-    if np.all(np.isin(model.jnt_type, _ONE_WAY)):
+    if np.all(np.isin(model.jnt_type, ONE_WAY)):
         qpos -= ahead * qvel
         return
     for position, velocity in zip(qpos, qvel, strict=True):

@@ -11,7 +11,7 @@ from typing import Any
 
 import mujoco
 
-from vlab.plants.base import Plant
+from vlab.plants.base import ONE_WAY, Plant
 from vlab.recordings.overview import kind_of
 
 _INPUTS = ("command", "moment", "force", "voltage", "current")
@@ -19,7 +19,6 @@ _INPUTS = ("command", "moment", "force", "voltage", "current")
 _GENERIC = {"joint", "jnt", "hinge", "slide", "servo", "motor", "actuator", "act", "sensor", "encoder", "enc"}
 """Words of an element's name that say what the element is; a log often leaves such words out."""
 _NUMBER = re.compile(r"(?:\[(\d+)\]|[_/.]?(\d+))\s*(?:[._/]\w+)?\s*$")
-_ONE_WAY = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,9 +95,7 @@ def suggest(
 def joints_of(plant: Plant) -> list[str]:
     """Return the named hinges and slides of a model."""
     model = plant.model
-    return [
-        model.joint(i).name for i in range(model.njnt) if int(model.jnt_type[i]) in _ONE_WAY and model.joint(i).name
-    ]
+    return [model.joint(i).name for i in range(model.njnt) if int(model.jnt_type[i]) in ONE_WAY and model.joint(i).name]
 
 
 def _kind(plant: Plant, joint: str, kind: str) -> str:

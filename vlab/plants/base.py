@@ -388,6 +388,8 @@ def without_limits(plant: Plant) -> Plant:
     return replace(plant, model=model)
 
 
+ONE_WAY = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+"""ONE_WAY [-]: joint types with one degree of freedom, whose position is the integral of their velocity."""
 _DIVERGED = ("mjWARN_BADQPOS", "mjWARN_BADQVEL", "mjWARN_BADQACC", "mjWARN_BADCTRL")
 
 

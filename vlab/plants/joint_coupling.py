@@ -58,11 +58,10 @@ def couple_by_tendons(spec: Any) -> list[str]:
         return []
     model = spec.compile()
     data = mujoco.MjData(model)
-    data.qpos[:] = model.qpos0
     mujoco.mj_forward(model, data)
     for equality in found:
         _add_tendon(spec, model, data, equality)
-    names = ", ".join(f"{e.name or e.name1!s}" for e in found)
+    names = ", ".join(e.name or e.name1 for e in found)
     for equality in found:
         spec.delete(equality)
     return [f"coupled joints ({names}): the equality constraint acts as a stiff fixed tendon"]

@@ -83,8 +83,8 @@ class LinearPlant(Plant):
             Two modes coincide, so that A has too few eigenvectors.
         """
         linear, h = self.linearise(), self.timestep
-        n, (position, velocity, loads) = linear.n, self._responses()
-        A, B, _, _ = linear.state_matrices(loads, np.zeros((0, n)))
+        n, (position, velocity) = linear.n, self._responses()
+        A, B, _, _ = linear.state_matrices(self.actuator_forces(), np.zeros((0, n)))
         poles, V = np.linalg.eig(A)
         W = np.linalg.inv(V)
         if np.abs((V * poles) @ W - A).max() > LARGEST_ERROR * np.abs(A).max():
@@ -102,8 +102,8 @@ class LinearPlant(Plant):
             inverse=W,
         )
 
-    def _responses(self) -> tuple[Array, Array, Array]:
-        """Return ``sensordata`` per position and per velocity, and generalised forces per actuator force."""
+    def _responses(self) -> tuple[Array, Array]:
+        """Return ``sensordata`` per position and per velocity."""
         model, data = self.model, self.new_data()
         parts = []
         for values, rest in ((data.qpos, model.qpos0), (data.qvel, np.zeros(model.nv))):
@@ -115,12 +115,7 @@ class LinearPlant(Plant):
                 columns.append(data.sensordata.copy())
             values[:] = rest
             parts.append(np.array(columns).T)
-        loads = []
-        for command in self.control_matrix.T:
-            data.ctrl[:] = command
-            mujoco.mj_forward(model, data)
-            loads.append(data.qfrc_actuator.copy())
-        return parts[0], parts[1], np.array(loads).T
+        return parts[0], parts[1]
 
 
 def build_linear(fe: FeModel, *, timestep: float = 5e-4) -> LinearPlant:

@@ -377,7 +377,7 @@ def signals_of(
 
     slow = np.array([order < 2 for order in orders])
     is_driven = bool(run.drives) or commands is not None
-    stood = run.initial != "rest" and not (is_driven and begins_at_rest(y, slow, plant))
+    stood = feedthrough is not None and run.initial != "rest" and not (is_driven and begins_at_rest(y, slow, plant))
 
     def add(column: int, values: Array, is_held: bool, is_first: bool = False) -> None:
         mean = interval_means(time, values, is_held, grid)

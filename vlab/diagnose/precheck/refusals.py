@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from vlab.cases.case import Case
@@ -15,10 +14,7 @@ from vlab.diagnose.parameters.recorded_runs import read_runs
 from vlab.diagnose.predictors.scope import check_contacts, check_scope, is_linear
 from vlab.diagnose.predictors.trajectory_data import Motion
 from vlab.errors import VlabError
-from vlab.plants.base import Plant
-
-ONE_WAY = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-"""ONE_WAY: joints with one coordinate."""
+from vlab.plants.base import ONE_WAY, Plant
 
 
 def refusals(case: Case, runs: Sequence[Run], check: FileCheck) -> list[str]:
