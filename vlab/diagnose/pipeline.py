@@ -52,6 +52,7 @@ from vlab.diagnose.verdict import (
     has_plausible_parameters,
     is_needed,
     is_partial_explanation,
+    is_plausible_beside_noise,
     is_within_noise,
     residual_note,
 )
@@ -316,7 +317,7 @@ class _Pass:
         def terms_of(fit: Fit) -> list[Finding]:
             return findings_of_terms(judged.choice, fit, problem)
 
-        is_plausible = has_plausible_parameters(judged.confirmed.before)
+        is_plausible = is_plausible_beside_noise(judged.confirmed.before)
         decide = partial(decide_verdict, judged.choice, is_structure=searched.is_structure, is_plausible=is_plausible)
 
         def verdict_on(trials: Trials, tried: Attempt) -> Verdict:

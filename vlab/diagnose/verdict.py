@@ -266,7 +266,30 @@ def has_plausible_parameters(fit: Fit) -> bool:
     bool
         Whether the test accepts the parameters at the false-alarm rate of the verdict.
     """
-    return bool(fit.prior_cost <= stats.chi2.ppf(1.0 - VERDICT.false_alarm_rate, max(fit.theta.size, 1)))
+    return _accepts(fit, fit.prior_cost)
+
+
+def is_plausible_beside_noise(fit: Fit) -> bool:
+    """Return whether a fit's uncertain parameters are plausible if its residual is noise of any colour.
+
+    Coloured noise moves the fitted parameters by more than white noise of the same size. The test adds this sampling
+    variance to the prior variance.
+
+    Parameters
+    ----------
+    fit : Fit
+        Fit.
+
+    Returns
+    -------
+    bool
+        Whether the test accepts the parameters at the false-alarm rate of the verdict.
+    """
+    return _accepts(fit, fit.departure)
+
+
+def _accepts(fit: Fit, departure: float) -> bool:
+    return bool(departure <= stats.chi2.ppf(1.0 - VERDICT.false_alarm_rate, max(fit.theta.size, 1)))
 
 
 def decide_verdict(
@@ -294,7 +317,7 @@ def decide_verdict(
     is_structure : bool
         Whether mesh error counts as model error.
     is_plausible : bool
-        Whether the parameters of the calibrated model agree with the case.
+        Whether the parameters of the calibrated model are plausible beside noise.
     fitted : callable
         Returns the errors on fitted recordings.
 

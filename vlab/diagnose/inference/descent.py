@@ -24,7 +24,7 @@ from vlab.diagnose.inference.jacobian import (
 )
 from vlab.diagnose.inference.parameter_vector import ParameterVector, bounded_step, is_logarithm
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.settings import FIT
+from vlab.diagnose.settings import FIT, TRAJECTORY_FIT
 from vlab.signals import Array
 
 
@@ -51,12 +51,15 @@ class Optimum:
         Residual at `x`.
     normal : (n, n) array
         Weighted normal matrix.
+    scores : (n_blocks, n) array
+        Weighted gradients of blocks of the data.
     """
 
     vector: ParameterVector
     x: Array
     residual: Array
     normal: Array
+    scores: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,7 +97,7 @@ def descend(of: Objective, vector: ParameterVector, x: Array, iterations: int, t
     """
     damping, raw = 1e-3, of.residual(vector, x[None])[0]
     if not x.size:  # without identifiable parameters there is nothing to fit
-        return Optimum(vector=vector, x=x, residual=raw, normal=np.zeros((0, 0)))
+        return Optimum(vector=vector, x=x, residual=raw, normal=np.zeros((0, 0)), scores=np.zeros((0, 0)))
     slopes, age = np.zeros((raw.size, x.size)), FIT.reused
     small, done, last = 0, -1, iterations
     while (done := done + 1) < last:
@@ -128,8 +131,9 @@ def descend(of: Objective, vector: ParameterVector, x: Array, iterations: int, t
             last = min(max(last, done + 2), iterations + FIT.more)
     if tolerance <= FIT.exact:
         vector, x, raw, slopes = _exact(of, vector, x, raw)
-    normal = _normal(vector, slopes, effective_weights(of.effective_share, vector, raw))
-    return Optimum(vector=vector, x=x, residual=raw, normal=normal)
+    weight = effective_weights(of.effective_share, vector, raw)
+    scores = _scores(of.runs, vector, slopes, raw * weight**2)
+    return Optimum(vector=vector, x=x, residual=raw, normal=_normal(vector, slopes, weight), scores=scores)
 
 
 def _best_step(
@@ -220,6 +224,17 @@ def _normal(vector: ParameterVector, slopes: Array, weight: Array) -> Array:
     """Return the weighted normal matrix of priors and data."""
     ours, data = slopes[: vector.priors], slopes[vector.priors :]
     return np.asarray(weight[0] ** 2 * ours.T @ ours + weight[-1] ** 2 * (data.T @ data))
+
+
+def _scores(runs: Sequence[Signals], vector: ParameterVector, slopes: Array, weighted: Array) -> Array:
+    """Return the gradients (n_blocks, n) of blocks of the data, no block across two runs."""
+    parts, at, out = int(np.ceil(TRAJECTORY_FIT.windows / len(runs))), vector.priors, []
+    for size in (runs[i].y.size for i in by_period(runs)):
+        for rows in np.array_split(np.arange(at, at + size), parts):
+            block = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 0)
+            out.append(slopes[block].T @ weighted[block])
+        at += size
+    return np.array(out)
 
 
 def is_noise(runs: Sequence[Signals], vector: ParameterVector, raw: Array) -> bool:

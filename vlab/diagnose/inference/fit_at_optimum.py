@@ -62,7 +62,29 @@ def fit_at(
         chi2=float(residual @ residual),
         cost=float(data @ data),
         sd=_deviations(vector, optimum.x, optimum.normal),
+        departure=_departure(optimum),
     )
+
+
+def _departure(optimum: Optimum) -> float:
+    """Return the chi-squared statistic of the uncertain parameters, with their sampling error.
+
+    The sandwich estimate of the sampling covariance holds for a residual of any colour: blocks longer than the memory of the
+    noise have independent gradients.
+
+    References
+    ----------
+    P. J. Huber, The behavior of maximum likelihood estimates under nonstandard conditions, Proc. 5th Berkeley Symp. 1
+    (1967) 221-233. K.-Y. Liang and S. L. Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73
+    (1986) 13-22.
+    """
+    priors = optimum.vector.priors
+    if not priors:
+        return 0.0
+    bread = np.linalg.pinv(optimum.normal, hermitian=True)[:priors]
+    moves = optimum.scores @ bread.T
+    deviation = optimum.residual[:priors]
+    return float(deviation @ np.linalg.solve(np.eye(priors) + moves.T @ moves, deviation))
 
 
 def _errors(residual: Array, priors: int, runs: Sequence[Signals], sigma: Array) -> Array:

@@ -79,6 +79,8 @@ class Fit:
         Weighted sum of squares without priors.
     sd : mapping of str to float
         Standard deviation of every effect parameter (of the log where unsigned), by ``"label:name"``.
+    departure : float
+        Squared deviations of the uncertain parameters over prior variance and sampling variance together.
     """
 
     terms: tuple[Term, ...]
@@ -89,6 +91,7 @@ class Fit:
     chi2: float
     cost: float
     sd: dict[str, float] = field(default_factory=dict)
+    departure: float = 0.0
 
     @property
     def prior_cost(self) -> float:
