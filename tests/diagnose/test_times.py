@@ -13,8 +13,8 @@ from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.predictors.limited_actuator import limited_actuator
 from vlab.diagnose.predictors.scope import linear_problem
 from vlab.diagnose.settings import TRIAL_SCAN
-from vlab.physics.actuators import delay_line, delayed
 from vlab.physics.catalogue import EFFECTS
+from vlab.physics.filters import delay_line, delayed
 from vlab.plants.mjcf import build_mjcf
 
 DELAYS = [name for name in CASES if name.startswith("delay")]

@@ -7,6 +7,7 @@ from typing import Any
 from vlab.controllers.user_law import ENTRY, FAILURES, check_code, class_from_file, from_entry_point, is_user_law
 from vlab.errors import BadExperiment, unknown_name
 from vlab.physics import (
+    actuator_dynamics,
     actuator_memory,
     actuators,
     drive_train,
@@ -57,14 +58,14 @@ EFFECTS: dict[str, Effect] = {
         actuators.Clipping(),
         actuators.SoftSaturation(),
         actuators.DeadZone(),
-        actuators.SlewLimit(),
-        actuators.RateLimit(),
-        actuators.ActuatorDelay(),
-        actuators.ActuatorLag(),
+        actuator_dynamics.SlewLimit(),
+        actuator_dynamics.RateLimit(),
+        actuator_dynamics.ActuatorDelay(),
+        actuator_dynamics.ActuatorLag(),
         actuator_memory.InputHysteresis(),
         actuators.Quantisation(),
-        actuators.CoarseHold(),
-        actuators.Jitter(),
+        actuator_dynamics.CoarseHold(),
+        actuator_dynamics.Jitter(),
         actuators.CoilForceOverTravel(),
         servo.ServoPositionGain(),
         servo.ServoVelocityGain(),

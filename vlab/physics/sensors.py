@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import signal
 
-from vlab.physics.actuators import lag_weights, lagged, recursion
 from vlab.physics.effect import (
     SETTLING,
     TIMES,
@@ -21,6 +20,7 @@ from vlab.physics.effect import (
     limited,
     softly_limited,
 )
+from vlab.physics.filters import lag_weights, lagged, recursion
 from vlab.signals import Array
 
 NEAR_LIMIT = 0.98

@@ -45,7 +45,7 @@ def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
         "versions": {name: metadata.version(name) for name in VERSIONS},
         "code": _sources(root, "**/*.py"),
         "laws": files_digest((p.name, p) for folder in controllers.__path__ for p in Path(folder).glob("*.py")),
-        "catalogue": _sources(root / "physics", "*.py"),
+        "catalogue": _sources(root / "physics", "**/*.py"),
         "structures": _structures(),
         "scoring": scoring_digest(),
         "thresholds": thresholds,
