@@ -1,34 +1,30 @@
-"""Designed laws by name, with defaults of the published designs."""
+"""Designed laws by name, with defaults of the published designs.
+
+`LAWS` is the one list of the laws: `vlab design`, `vlab experiment --law`, their help and the documents read it.
+"""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Any, Literal
 
-from vlab.controllers.lqdrf import Kind, LqdrfDesign
-from vlab.controllers.lqg import LqgDesign
-from vlab.controllers.lqr import LqrDesign
-from vlab.controllers.mfdrf import MfdrfDesign
+from vlab.controllers.delayed_lqg import DelayedLqgDesign
+from vlab.controllers.designed_law import Design
+from vlab.controllers.linear import LinearController
+from vlab.controllers.lqdrf import Kind
 
-from vlab.controllers import lqdrf, lqg, lqr, mfdrf
+from vlab.controllers import delayed_lqg, lqdrf, lqg, lqr, mfdrf
 from vlab.design.published_tables import published_designs
-from vlab.design.state_model import state_model
+from vlab.design.state_model import StateModel, state_model
 from vlab.design.weights import noise_of, weights_of
-from vlab.errors import BadDesign, unknown_name
+from vlab.errors import BadController, BadDesign, unknown_name
 from vlab.fe.model import FeModel
 from vlab.fe.reduced import build_reduced_model
 from vlab.structure.model import Structure
 
 WEIGHTS = ("identity", "energy")
 """Kinds of weights."""
-LAWS = ("lqr", "lqg", "mfdrf", "lqdrf", "lqdrf-diagonal")
-"""Names of the laws: regulator, regulator with filter, and direct rate feedback of least force and of least index
-(coupled or diagonal)."""
-
-DESIGNED_ON_FULL = {"beam": ("lqr", "mfdrf", "lqdrf", "lqdrf-diagonal")}
-"""Published designs on the full model (section 6.1), by structure. Every other design is on the published design's
-reduced model."""
-
-Design = LqrDesign | LqgDesign | MfdrfDesign | LqdrfDesign
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,13 +80,121 @@ class Asked:
                 raise BadDesign(f"{getattr(self, name)} {what}; accepted: whole numbers from 1")
 
 
+@dataclass(frozen=True, kw_only=True)
+class CatalogueLaw:
+    """One law of the catalogue.
+
+    Parameters
+    ----------
+    name : str
+        Name for ``--law``.
+    words : str
+        Meaning, for help and documents.
+    design : callable
+        Designs the law on a model for requirements.
+    design_with_delay : callable or None
+        Designs the law on a model for requirements and a delay in samples; None for a law that cannot respect one.
+    on_full : frozenset of str
+        Structures whose published design is on the full model (section 6.1). Every other published design is on a
+        reduced model.
+    estimated_by : str
+        Law that estimates the states that this law needs measured; "" for a law on sensors.
+    """
+
+    name: str
+    words: str
+    design: Callable[[FeModel, Asked], Design]
+    design_with_delay: Callable[[StateModel, Asked, float], DelayedLqgDesign] | None = None
+    on_full: frozenset[str] = frozenset()
+    estimated_by: str = ""
+
+    @property
+    def not_in_a_loop(self) -> str:
+        """Reason why the law cannot run in a loop; "" if it can."""
+        if not self.estimated_by:
+            return ""
+        return f"the law {self.name} feeds every state back, which no sensors measure"
+
+
+def _search(asked: Asked) -> dict[str, Any]:
+    """Return the settings of a search for gains."""
+    search: dict[str, Any] = {"damping": asked.damping, "modes": asked.modes, "seed": asked.seed}
+    return search if asked.starts is None else {**search, "starts": asked.starts}
+
+
+def _regulator(fe: FeModel, asked: Asked) -> Design:
+    model = state_model(fe)
+    return lqr.design(model, weights_of(asked, model))
+
+
+def _regulator_with_filter(fe: FeModel, asked: Asked) -> Design:
+    model = state_model(fe)
+    return lqg.design(model, weights_of(asked, model), noise_of(asked, model), rate=asked.rate)
+
+
+def _with_delay(model: StateModel, asked: Asked, delay_samples: float) -> DelayedLqgDesign:
+    weights, noise = weights_of(asked, model), noise_of(asked, model)
+    return delayed_lqg.design(model, weights, noise, rate=asked.rate, delay_samples=delay_samples)
+
+
+def _least_force(fe: FeModel, asked: Asked) -> Design:
+    return mfdrf.design(fe, **_search(asked))
+
+
+def _least_index(fe: FeModel, asked: Asked, *, diagonal: bool = False) -> Design:
+    weights = weights_of(asked, state_model(fe))
+    return lqdrf.design(fe, weights, shapes=asked.shapes, kind=asked.kind, diagonal=diagonal, **_search(asked))
+
+
+ON_FULL = frozenset({"beam"})
+LAWS: dict[str, CatalogueLaw] = {
+    law.name: law
+    for law in (
+        CatalogueLaw(
+            name="lqr",
+            words="linear quadratic regulator; all states measured",
+            design=_regulator,
+            on_full=ON_FULL,
+            estimated_by="lqg",
+        ),
+        CatalogueLaw(
+            name="lqg",
+            words="regulator with a Kalman filter of prescribed stability margin",
+            design=_regulator_with_filter,
+            design_with_delay=_with_delay,
+        ),
+        CatalogueLaw(name="mfdrf", words="direct rate feedback of least force", design=_least_force, on_full=ON_FULL),
+        CatalogueLaw(
+            name="lqdrf", words="direct rate feedback of least quadratic index", design=_least_index, on_full=ON_FULL
+        ),
+        CatalogueLaw(
+            name="lqdrf-diagonal",
+            words="direct rate feedback of least quadratic index, uncoupled coils",
+            design=partial(_least_index, diagonal=True),
+            on_full=ON_FULL,
+        ),
+    )
+}
+"""Laws by name."""
+
+
+def laws_in_a_loop() -> list[str]:
+    """Return the names of the laws that run on sensors."""
+    return [law.name for law in LAWS.values() if not law.estimated_by]
+
+
+def laws_with_delay() -> list[str]:
+    """Return the names of the laws whose design respects a delay."""
+    return [law.name for law in LAWS.values() if law.design_with_delay is not None]
+
+
 def default_model(structure: Structure, law: str) -> str:
     """Return the model of a law's published design.
 
     The result is ``"full"`` without a published design.
     """
     published = published_designs(structure.name)
-    if not published or law in DESIGNED_ON_FULL.get(structure.name, ()):
+    if not published or (law in LAWS and structure.name in LAWS[law].on_full):
         return "full"
     return published[0].model
 
@@ -172,19 +276,7 @@ def design_law(fe: FeModel, law: str, asked: Asked) -> Design:
     """
     if law not in LAWS:
         raise unknown_name("law", law, LAWS)
-    model = state_model(fe)
-    search: dict[str, Any] = {"damping": asked.damping, "modes": asked.modes, "seed": asked.seed}
-    if asked.starts is not None:
-        search["starts"] = asked.starts
-    if law == "mfdrf":
-        return mfdrf.design(fe, **search)
-    weights = weights_of(asked, model)
-    if law == "lqr":
-        return lqr.design(model, weights)
-    if law == "lqg":
-        return lqg.design(model, weights, noise_of(asked, model), rate=asked.rate)
-    diagonal = law == "lqdrf-diagonal"
-    return lqdrf.design(fe, weights, shapes=asked.shapes, kind=asked.kind, diagonal=diagonal, **search)
+    return LAWS[law].design(fe, asked)
 
 
 def published_way(
@@ -196,6 +288,58 @@ def published_way(
     """
     model = model or default_model(structure, law)
     return design_law(build_reduced_model(structure, model, variant), law, requested_of(structure, model, rate=rate))
+
+
+def published_controller(
+    structure: Structure, law: str, *, rate: float, variant: str = "published", model: str = ""
+) -> LinearController:
+    """Return a law for a loop, designed as published for a structure.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure with its points, bars and transducers.
+    law : str
+        Name in `LAWS`.
+    rate : float
+        Sample rate of the loop [Hz].
+    variant : str
+        Variant of the structure's model.
+    model : str
+        Design model; the published design's by default.
+
+    Returns
+    -------
+    LinearController
+        Law on sensors.
+
+    Raises
+    ------
+    BadController
+        The law needs every state measured.
+    """
+    known = LAWS[law]
+    if known.not_in_a_loop:
+        raise BadController(f"{known.not_in_a_loop}; take {known.estimated_by}, which estimates them")
+    return in_a_loop(published_way(structure, law, rate=rate, variant=variant, model=model))
+
+
+def in_a_loop(design: Design) -> LinearController:
+    """Return the law of a design on sensors.
+
+    Parameters
+    ----------
+    design : Design
+        Design of a law.
+
+    Raises
+    ------
+    BadController
+        The law needs every state measured.
+    """
+    if design.in_loop is None:
+        raise BadController("the designed law feeds every state back, which no sensors measure")
+    return design.in_loop
 
 
 def as_plain(asked: Asked) -> dict[str, Any]:

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from vlab.controllers.catalogue import Design
-from vlab.controllers.lqg import LqgDesign
-from vlab.controllers.lqr import LqrDesign
+from vlab.controllers.designed_law import Design
+from vlab.controllers.lqg import estimator
 
 from vlab.design import performance
 from vlab.signals import Array
@@ -54,13 +53,13 @@ def loops_of(design: Design) -> Loops:
     A, B, C = model.A, model.B, model.C
     zero = np.zeros((len(C), B.shape[1]))
     plant = control.StateSpace(A, B, C, zero)
-    if isinstance(design, LqgDesign):
-        closed_A = performance.reduced_controller_loop(model, model, design.F, design.K)
-        law = control.StateSpace(design.A_estimator, design.K, design.F, np.zeros((B.shape[1], len(C))))
-        none = np.zeros((len(design.A_estimator), B.shape[1]))
+    F, K = design.state_gain, design.filter_gain
+    if K is not None:
+        closed_A, own = performance.reduced_controller_loop(model, model, F, K), estimator(model, F, K)
+        law = control.StateSpace(own, K, F, np.zeros((B.shape[1], len(C))))
+        none = np.zeros((len(own), B.shape[1]))
         closed = control.StateSpace(closed_A, np.vstack([B, none]), np.hstack([C, none.T[: len(C)]]), zero)
         return Loops(plant=plant, closed=closed, gain=law * plant)
-    F = design.F if isinstance(design, LqrDesign) else design.D @ C
     square = np.zeros((B.shape[1], B.shape[1]))
     return Loops(
         plant=plant,

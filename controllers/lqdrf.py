@@ -8,7 +8,7 @@ not determined: on the beam the sixth mode alone decides.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from vlab.controllers.rate_feedback_design import RateFeedbackDesign
@@ -58,6 +58,12 @@ class LqdrfDesign(RateFeedbackDesign):
         """beta: the largest index, or the largest ratio."""
         J = self.indices(self.weights, self.shapes)
         return float((J / self.regulator_indices if self.kind == "ratio" else J).max())
+
+    def goal(self, bounded: Array) -> dict[str, Any]:
+        """See `Design`."""
+        ratio = self.kind == "ratio"
+        name = "beta, largest ratio to the regulator's index" if ratio else "beta, largest index"
+        return {"name": name, "value": self.objective, "unit": "1"}
 
 
 def design(

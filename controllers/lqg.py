@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from vlab.controllers.designed_law import largest_index
 from vlab.controllers.linear import LinearLaw
 from vlab.controllers.lqr import LqrDesign
 from vlab.controllers.lqr import design as design_lqr
@@ -81,6 +82,42 @@ class LqgDesign:
     def filter_poles(self) -> performance.Poles:
         """Poles of the filter, A - K C."""
         return performance.poles(self.model.A - self.K @ self.model.C)
+
+    @property
+    def in_loop(self) -> LinearLaw:
+        """See `Design`."""
+        return self.controller
+
+    @property
+    def state_gain(self) -> Array:
+        """See `Design`."""
+        return self.F
+
+    @property
+    def filter_gain(self) -> Array:
+        """See `Design`."""
+        return self.K
+
+    @property
+    def search(self) -> None:
+        """See `Design`."""
+        return
+
+    def gains(self) -> dict[str, Any]:
+        """See `Design`."""
+        return {**self.regulator.gains(), "sensors": list(self.model.channels), "K": self.K}
+
+    def closed_modes(self, modes: Sequence[int]) -> tuple[Array, Array]:
+        """See `Design`: the modes of the regulator."""
+        return self.regulator.closed_modes(modes)
+
+    def shape_indices(self, modes: Sequence[int], weights: Weights) -> Array:
+        """See `Design`: the design's own weights apply."""
+        return self.indices(modes)
+
+    def goal(self, bounded: Array) -> dict[str, Any]:
+        """See `Design`."""
+        return largest_index(bounded)
 
     def indices(self, modes: int | Sequence[int] | Array) -> Array:
         """Return J of initial shapes of the design model: (4.20).

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from vlab.controllers.designed_law import largest_index
 from vlab.controllers.linear import LinearLaw
 
 from vlab.design import performance
@@ -53,6 +54,42 @@ class LqrDesign:
     def poles(self) -> performance.Poles:
         """Modes of the closed loop, by frequency."""
         return performance.poles(self.A_closed)
+
+    @property
+    def in_loop(self) -> None:
+        """See `Design`: no sensors measure every state."""
+        return
+
+    @property
+    def state_gain(self) -> Array:
+        """See `Design`."""
+        return self.F
+
+    @property
+    def filter_gain(self) -> None:
+        """See `Design`."""
+        return
+
+    @property
+    def search(self) -> None:
+        """See `Design`."""
+        return
+
+    def gains(self) -> dict[str, Any]:
+        """See `Design`."""
+        return {"actuators": list(self.model.channels), "states": list(self.model.states), "F": self.F, "unit": "SI"}
+
+    def closed_modes(self, modes: Sequence[int]) -> tuple[Array, Array]:
+        """See `Design`."""
+        return self.poles.freq[list(modes)], self.poles.zeta[list(modes)]
+
+    def shape_indices(self, modes: Sequence[int], weights: Weights) -> Array:
+        """See `Design`: the design's own weights apply."""
+        return self.indices(modes)
+
+    def goal(self, bounded: Array) -> dict[str, Any]:
+        """See `Design`."""
+        return largest_index(bounded)
 
     def indices(self, modes: int | Sequence[int] | Array) -> Array:
         """Return J of initial shapes: equation (4.7).

@@ -8,10 +8,12 @@ design approximates |d_ij| by a quartic.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from vlab.controllers.rate_feedback_design import RateFeedbackDesign
+from vlab.controllers.rate_feedback_design import PRINTED, RateFeedbackDesign
 
+from vlab import units
 from vlab.design import performance
 from vlab.design.closed_loop import ClosedLoop, RateFeedbackLoop
 from vlab.design.gain_search import GainSearch, bounded_modes
@@ -35,6 +37,12 @@ class MfdrfDesign(RateFeedbackDesign):
     def objective(self) -> float:
         """gamma: the largest force ratio f_i (4.31) [N s/m]."""
         return float(performance.force_bounds(self.D).max())
+
+    def goal(self, bounded: Array) -> dict[str, Any]:
+        """See `Design`."""
+        printed = units.from_si(self.objective, PRINTED, "N s/m")
+        found = {"name": "gamma, largest force ratio", "value": self.objective, "unit": "N s/m"}
+        return {**found, f"value_{PRINTED}": printed}
 
 
 def design(

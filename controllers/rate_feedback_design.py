@@ -13,6 +13,9 @@ from vlab.design.state_model import StateModel
 from vlab.design.weights import Weights
 from vlab.signals import Array
 
+PRINTED = "lbf s/in"
+"""PRINTED: unit of printed rate feedback gains beside SI, as in Tables 7, 11 and 15."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RateFeedbackDesign:
@@ -47,6 +50,21 @@ class RateFeedbackDesign:
         return DirectRateFeedback(self.D, sensors=self.model.channels, actuators=self.model.channels)
 
     @property
+    def in_loop(self) -> DirectRateFeedback:
+        """See `Design`."""
+        return self.controller
+
+    @property
+    def state_gain(self) -> Array:
+        """See `Design`: D C."""
+        return self.D @ self.model.C
+
+    @property
+    def filter_gain(self) -> None:
+        """See `Design`."""
+        return
+
+    @property
     def A_closed(self) -> Array:
         """Closed-loop matrix A - B D C (4.35)."""
         return performance.rate_feedback_loop(self.model, self.D)
@@ -55,6 +73,20 @@ class RateFeedbackDesign:
     def poles(self) -> performance.Poles:
         """Modes of the closed loop, by frequency."""
         return performance.poles(self.A_closed)
+
+    def gains(self) -> dict[str, Any]:
+        """See `Design`."""
+        channels = list(self.model.channels)
+        return {"actuators": channels, "sensors": channels, "D": self.D, "unit": "N s/m"}
+
+    def closed_modes(self, modes: Sequence[int]) -> tuple[Array, Array]:
+        """See `Design`: each mode is followed from the open loop."""
+        tracked = self.loop.track(self.D, max(modes) + 1)
+        return tracked.freq[0, list(modes)], tracked.zeta[0, list(modes)]
+
+    def shape_indices(self, modes: Sequence[int], weights: Weights) -> Array:
+        """See `Design`."""
+        return self.indices(weights, modes)
 
     def zeta(self, modes: int) -> Array:
         """Return the damping ratios of the first modes.

@@ -9,19 +9,26 @@ from typing import Any, Literal
 
 import numpy as np
 
-from vlab import units
 from vlab.api.law_argument import is_given, laboratory_for, linear_gains, load_law_argument
-from vlab.controllers import DirectRateFeedback, LinearController, LinearLaw, delayed_lqg
-from vlab.controllers.catalogue import LAWS, Asked, Design, as_plain, default_model, design_law, requested_of
+from vlab.controllers import DirectRateFeedback, LinearController, LinearLaw
+from vlab.controllers.catalogue import (
+    LAWS,
+    Asked,
+    CatalogueLaw,
+    as_plain,
+    default_model,
+    design_law,
+    laws_with_delay,
+    requested_of,
+)
+from vlab.controllers.designed_law import Design
 from vlab.controllers.law_file import write_law
-from vlab.controllers.lqdrf import KINDS, LqdrfDesign
-from vlab.controllers.lqg import LqgDesign
-from vlab.controllers.lqr import LqrDesign
-from vlab.controllers.mfdrf import MfdrfDesign
+from vlab.controllers.lqdrf import KINDS
+from vlab.controllers.lqg import estimator
 from vlab.design.gain_search import bounded_modes
 from vlab.design.performance import shared_modes
 from vlab.design.state_model import StateModel, state_model
-from vlab.design.weights import noise_of, weights_of
+from vlab.design.weights import weights_of
 from vlab.errors import BadDesign, unknown_name
 from vlab.fe.assembly import build_fe_model
 from vlab.fe.damping import driven_modes
@@ -33,9 +40,6 @@ from vlab.lab.prediction import ClosedLoop, SampledLoop, loop_on
 from vlab.lab.robustness import robustness_report
 from vlab.structure import load_structure
 from vlab.structure.model import Structure
-
-PRINTED = "lbf s/in"
-"""PRINTED: unit of printed rate feedback gains beside SI, as in Tables 7, 11 and 15."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -198,8 +202,9 @@ def design(
     built = load_structure(structure)
     if not law:
         raise BadDesign(f"no law was named; give one of {', '.join(LAWS)}, or a law file")
-    if with_delay and law != "lqg":
-        raise BadDesign(f"the delay is for the law lqg; {law!r} has no model that the delay could be in")
+    if with_delay and law not in laws_with_delay():
+        known = ", ".join(laws_with_delay())
+        raise BadDesign(f"the delay is for the law {known}; {law!r} has no model that the delay could be in")
     begun = time.perf_counter()
     if is_given(law):
         given = {"weights": weights, "q": q, "r": r, "modes": modes}
@@ -220,7 +225,7 @@ def _with_checks(
     """Return the law with its margins and its fit to the array controller."""
     if not (robustness or array):
         return made
-    law, loop = _in_a_loop(made.law), None
+    law, loop = _in_a_loop(made.law, made.document["law"]), None
     hardware = laboratory_for(law, rate_hz)
     if array:
         made.document["array"] = finite(array_report(law, hardware, continuous=made.continuous))
@@ -236,11 +241,10 @@ def _modelled(full: FeModel, designed_on: StateModel | None) -> list[int] | None
     return None if designed_on is None else (shared_modes(state_model(full), designed_on) + 1).tolist()
 
 
-def _in_a_loop(law: LinearController | None) -> LinearController:
+def _in_a_loop(law: LinearController | None, name: str) -> LinearController:
     if law is None:
-        raise BadDesign(
-            "the law lqr feeds every state back, which no sensors measure, so it has no sampled loop; take lqg"
-        )
+        known = LAWS[name]
+        raise BadDesign(f"{known.not_in_a_loop}, so it has no sampled loop; take {known.estimated_by}")
     return law
 
 
@@ -256,7 +260,7 @@ def _design(
     asked = requested_of(structure, model, **changes)
     fe = build_reduced_model(structure, model, variant)
     if with_delay:
-        return _with_delay(structure, fe, model, asked)
+        return _with_delay(structure, fe, LAWS[name], model, asked)
     design = design_law(fe, name, asked)
     document = describe(fe, design, name, model, asked)
     title = f"{name} on the {model} model"
@@ -266,12 +270,12 @@ def _design(
 
         return design_figures(fe, design, title=title, top=top, damping=asked.damping)
 
-    law = None if isinstance(design, LqrDesign) else design.controller
-    continuous = np.linalg.eigvals(design.A_estimator) if isinstance(design, LqgDesign) else None
+    F, K = design.state_gain, design.filter_gain
+    continuous = None if K is None else np.linalg.eigvals(estimator(design.model, F, K))
     return DesignedLaw(
         structure=structure,
         fe=fe,
-        law=law,
+        law=design.in_loop,
         document=document,
         asked=asked,
         modelled=design.model,
@@ -280,23 +284,18 @@ def _design(
     )
 
 
-def _with_delay(structure: Structure, fe: FeModel, model: str, asked: Asked) -> DesignedLaw:
-    """Design LQG for the sampled plant with delay."""
+def _with_delay(structure: Structure, fe: FeModel, law_kind: CatalogueLaw, model: str, asked: Asked) -> DesignedLaw:
+    """Design a law for the sampled plant with delay."""
+    assert law_kind.design_with_delay is not None
     state, converter = state_model(fe), laboratory_for(None, asked.rate).converter
-    design = delayed_lqg.design(
-        state,
-        weights_of(asked, state),
-        noise_of(asked, state),
-        rate=asked.rate,
-        delay_samples=converter.delay_samples,
-    )
+    design = law_kind.design_with_delay(state, asked, converter.delay_samples)
     law, modes = design.controller, _shown(fe, asked)
     z = design.regulator_poles
     z = z[np.abs(z) > 1e-9]  # states of the delay alone
     freq, zeta = ClosedLoop(z, np.log(z.astype(complex)) * asked.rate).modes(fe.linear.freq[list(modes)])
     least = float(zeta[: asked.modes].min())
     document = {
-        "law": "lqg with delay",
+        "law": f"{law_kind.name} with delay",
         "structure": fe.structure.name,
         "model": model,
         "asked": as_plain(asked),
@@ -307,7 +306,7 @@ def _with_delay(structure: Structure, fe: FeModel, model: str, asked: Asked) -> 
         "performance_indices": [None] * len(modes),
         "objective": {"name": "smallest damping ratio of the bounded modes", "value": least, "unit": "1"},
     }
-    figures = _loop_figures(fe, loop_on(fe, law, converter), f"lqg with delay on the {model} model", asked)
+    figures = _loop_figures(fe, loop_on(fe, law, converter), f"{law_kind.name} with delay on the {model} model", asked)
     return DesignedLaw(
         structure=structure, fe=fe, law=law, document=finite(document), asked=asked, modelled=state, figures=figures
     )
@@ -366,58 +365,21 @@ def describe(fe: FeModel, design: Design, law: str, model: str, asked: Asked) ->
         Plain data for JSON.
     """
     modes = _shown(fe, asked)
-    if isinstance(design, LqrDesign | LqgDesign):
-        found = design.poles
-        zeta, freq = found.zeta[list(modes)], found.freq[list(modes)]
-        indices = design.indices(modes)
-    else:
-        tracked = design.loop.track(design.D, max(modes) + 1)
-        zeta, freq = tracked.zeta[0, list(modes)], tracked.freq[0, list(modes)]
-        indices = design.indices(weights_of(asked, design.model), modes)
+    freq, zeta = design.closed_modes(modes)
+    indices = design.shape_indices(modes, weights_of(asked, design.model))
     document: dict[str, Any] = {
         "law": law,
         "structure": fe.structure.name,
         "model": model,
         "asked": as_plain(asked),
-        "gains": _gains(design),
+        "gains": design.gains(),
         "modes": [mode + 1 for mode in modes],
         "frequencies_hz": freq,
         "damping_ratios": zeta,
         "performance_indices": indices,
-        "objective": _objective(design, indices, asked),
+        "objective": design.goal(indices[: asked.modes]),
     }
-    if isinstance(design, MfdrfDesign | LqdrfDesign):
+    if design.search is not None:
         document["search"] = asdict(design.search)
     result: dict[str, Any] = finite(document)
     return result
-
-
-def _gains(design: Design) -> dict[str, Any]:
-    channels = list(design.model.channels)
-    if isinstance(design, LqrDesign | LqgDesign):
-        parts: dict[str, Any] = {
-            "actuators": channels,
-            "states": list(design.model.states),
-            "F": design.F,
-            "unit": "SI",
-        }
-        if isinstance(design, LqgDesign):
-            parts |= {"sensors": channels, "K": design.K}
-        return parts
-    return {"actuators": channels, "sensors": channels, "D": design.D, "unit": "N s/m"}
-
-
-def _objective(design: Design, indices: Any, asked: Asked) -> dict[str, Any]:
-    if isinstance(design, MfdrfDesign):
-        printed = units.from_si(design.objective, PRINTED, "N s/m")
-        return {
-            "name": "gamma, largest force ratio",
-            "value": design.objective,
-            "unit": "N s/m",
-            f"value_{PRINTED}": printed,
-        }
-    if isinstance(design, LqdrfDesign):
-        ratio = design.kind == "ratio"
-        name = "beta, largest ratio to the regulator's index" if ratio else "beta, largest index"
-        return {"name": name, "value": design.objective, "unit": "1"}
-    return {"name": "largest index of the bounded modes", "value": float(np.max(indices[: asked.modes])), "unit": "1"}

@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 
 from vlab import units
-from vlab.api.design import PRINTED, design
+from vlab.api.design import design
 from vlab.api.law_argument import file_of
 from vlab.cli.common import Outcome, seed_number, text_table
 from vlab.cli.destination import add_out, check_out
-from vlab.controllers.catalogue import LAWS
+from vlab.controllers.catalogue import LAWS, laws_with_delay
 from vlab.controllers.lqdrf import KINDS
+from vlab.controllers.rate_feedback_design import PRINTED
 from vlab.errors import BadDesign, unknown_name
 from vlab.fe.reduced import MODELS
 from vlab.files.text import in_line
@@ -58,7 +59,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=seed_number, help="draw the random starts with this seed (default 0)")
     parser.add_argument("--rate", type=float, help="sample a law with states at this rate in Hz (default 1000)")
     parser.add_argument(
-        "--with-delay", action="store_true", help="lqg: design for the loop with its delay and hold (default: without)"
+        "--with-delay",
+        action="store_true",
+        help=f"{', '.join(laws_with_delay())}: design for the loop with its delay and hold (default: without)",
     )
     parser.add_argument(
         "--robustness",
@@ -84,8 +87,11 @@ def run(arguments: argparse.Namespace) -> Outcome:
     """
     if not arguments.law:
         raise BadDesign(f"no law was named; give --law with one of {', '.join(LAWS)}, or a law file")
-    if arguments.with_delay and arguments.law != "lqg":
-        raise BadDesign(f"--with-delay is for the law lqg; {arguments.law!r} has no model that the delay could be in")
+    if arguments.with_delay and arguments.law not in laws_with_delay():
+        known = ", ".join(laws_with_delay())
+        raise BadDesign(
+            f"--with-delay is for the law {known}; {arguments.law!r} has no model that the delay could be in"
+        )
     if arguments.objective is not None and arguments.objective not in KINDS:
         raise unknown_name("objective", arguments.objective, KINDS, where="--objective")
     check_out(arguments, read=[arguments.structure, file_of(arguments.law)])

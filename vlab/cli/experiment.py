@@ -12,6 +12,7 @@ from vlab.cases.description import ModelTable
 from vlab.cli.common import Outcome, progress_bar, seed_number, share_bar
 from vlab.cli.destination import add_out, check_out, destination
 from vlab.cli.loop_summary import loop_facts, loop_text, period_text, periods_of
+from vlab.controllers.catalogue import laws_in_a_loop
 from vlab.errors import BadExperiment
 from vlab.fe.reduced import MODELS
 from vlab.hardware.interlock import ORDER
@@ -57,9 +58,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--law",
-        help="close the loop with this law: mfdrf, lqdrf and lqdrf-diagonal of the grid (printed gains); lqg and "
-        "lqdrf-diagonal of the beam (designed for the rate of the loop); a controller.toml of vlab design; or your own as "
-        "path/to/law.py:ClassName or entry:NAME (default: none)",
+        help=f"close the loop with this law: {', '.join(laws_in_a_loop())} (printed gains where the structure has them, else "
+        "designed for the rate of the loop); a controller.toml of vlab design; or your own as path/to/law.py:ClassName or "
+        "entry:NAME (default: none)",
     )
     parser.add_argument(
         "--model",

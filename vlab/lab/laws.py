@@ -3,7 +3,7 @@
 from collections.abc import Collection
 
 from vlab.controllers import Controller, DirectRateFeedback
-from vlab.controllers.catalogue import LAWS, published_way
+from vlab.controllers.catalogue import LAWS, laws_in_a_loop, published_controller
 from vlab.controllers.law_file import is_law_file, load_law
 from vlab.controllers.lqg import RATE
 from vlab.controllers.user_law import check_code, is_user_law, load_user_law
@@ -73,14 +73,10 @@ def named_law(
     printed = law_names(structure)
     if name in printed and not model:
         return published_law(structure, name)
-    if name == "lqr":
-        raise BadController(
-            "the law lqr feeds every state back, which no sensors measure; take lqg, which estimates them"
-        )
     if name not in LAWS:
-        known = [*printed, *(law for law in LAWS if law not in printed and law != "lqr")]
+        known = dict.fromkeys([*printed, *laws_in_a_loop()])
         raise unknown_name("law", name, known, where=f"structure {structure.name!r}")
-    return published_way(structure, name, rate=rate, variant=variant, model=model).controller
+    return published_controller(structure, name, rate=rate, variant=variant, model=model)
 
 
 def published_law(structure: Structure, name: str) -> Controller:

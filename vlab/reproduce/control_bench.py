@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from vlab.controllers import Controller, lqdrf, lqg, mfdrf
-from vlab.controllers.catalogue import published_way
+from vlab.controllers.catalogue import published_controller
 from vlab.controllers.linear import LinearController
 from vlab.design.published_tables import published_design
 from vlab.design.state_model import state_model
@@ -238,7 +238,7 @@ class ControlBench:
         structure = self.study.structure
         if model != "corrected-guyan":
             if name == "lqg":
-                return published_way(structure, name, rate=LQG_RATE).controller
+                return published_controller(structure, name, rate=LQG_RATE)
             return published_law(structure, name)
         fe, asked = self.model(model), published_design(structure.name, model)
         state = state_model(fe)

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from vlab.controllers.catalogue import published_way
+from vlab.controllers.catalogue import published_controller
 from vlab.controllers.linear import LinearController
 from vlab.controllers.lqg import RATE
 from vlab.fe.assembly import build_fe_model
@@ -248,7 +248,7 @@ def limit_cycle_odds(
     dict
         Plain data with sentences.
     """
-    law = published_way(structure, "lqg", rate=RATE).controller
+    law = published_controller(structure, "lqg", rate=RATE)
     bench = _Bench(structure, law, load_hardware().at_rate(RATE).converter)
     rows: list[dict[str, Any]] = []
     ends: dict[str, list[dict[str, bool]]] = {}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vlab.controllers import Controller
-from vlab.controllers.catalogue import published_way
+from vlab.controllers.catalogue import published_controller
 from vlab.controllers.lqg import RATE
 from vlab.fe.assembly import build_fe_model
 from vlab.fe.model import FeModel
@@ -218,7 +218,7 @@ def histories(
     list of History
         Experiments with predictions.
     """
-    law, parts = published_way(structure, "lqg", rate=rate).controller, bench(rate)
+    law, parts = published_controller(structure, "lqg", rate=rate), bench(rate)
     nominal = build_fe_model(structure)
     words = f"first own mode of each cable, solid wire of damping ratio {WIRE_ZETA:g}"
     fe = add_string_modes(nominal, zeta=WIRE_ZETA)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vlab.controllers.catalogue import published_way
+from vlab.controllers.catalogue import in_a_loop, published_way
 from vlab.controllers.linear import LinearController
 from vlab.controllers.lqg import RATE
 from vlab.fe.assembly import build_fe_model
@@ -243,7 +243,7 @@ def limit_cycle_report(
         Plain data, without time histories.
     """
     hardware, design = load_hardware().at_rate(rate), published_way(structure, "lqg", rate=rate)
-    law = design.controller
+    law = in_a_loop(design)
     nominal = loop_on(build_fe_model(structure), law, hardware.converter)
     candidates = [
         cable_candidate(structure, law, hardware, cable, mass=mass, zeta=zeta, words=f"{words}, own damping {zeta:g}")[

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from vlab.controllers.catalogue import Design
+from vlab.controllers.designed_law import Design
 from vlab.controllers.loop_matrices import loops_of, response
 from vlab.fe.model import FeModel
 from vlab.lab.prediction import SampledLoop

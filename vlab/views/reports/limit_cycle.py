@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vlab.controllers.catalogue import published_way
+from vlab.controllers.catalogue import published_controller
 from vlab.controllers.lqg import RATE
 from vlab.fe.assembly import build_fe_model
 from vlab.hardware import load_hardware
@@ -51,7 +51,7 @@ def write_limit_cycle(
     dict
         Document.
     """
-    hardware, law = load_hardware().at_rate(RATE), published_way(structure, "lqg", rate=RATE).controller
+    hardware, law = load_hardware().at_rate(RATE), published_controller(structure, "lqg", rate=RATE)
     fe = build_fe_model(structure)
     loop = loop_on(fe, law, hardware.converter)
     runs = histories(structure, seconds=seconds, seed=seed, progress=progress)
