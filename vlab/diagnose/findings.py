@@ -16,7 +16,7 @@ from vlab.diagnose.parameters.locations import Place, reported_name
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.settings import FINDINGS
 from vlab.diagnose.validation.gap import Distance
-from vlab.physics.effect import Effect, Parameter, PickUp
+from vlab.physics.effect import Effect, Parameter
 from vlab.plants.base import Plant
 from vlab.units import ANGULAR
 
@@ -271,7 +271,7 @@ def place_of(name: str, effect: Effect, problem: Reportable) -> str:
     str
         Name.
     """
-    if isinstance(effect, PickUp):
+    if effect.picks_up:
         sensors = [p.name for p in problem.places if p.kind == "sensor"]
         name = next((sensor for sensor in sensors if name.startswith(f"{sensor}/")), name)
     if problem.case.structure is None:

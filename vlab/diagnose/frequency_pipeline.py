@@ -45,7 +45,7 @@ from vlab.diagnose.validation.response_checks import check_responses
 from vlab.diagnose.validation.simulation import Ablations
 from vlab.diagnose.verdict import is_partial_explanation
 from vlab.physics.catalogue import CANDIDATES, EFFECTS
-from vlab.physics.effect import Effect, PickUp
+from vlab.physics.effect import Effect
 
 FORMS = ("m/N", "m/s/N", "m/s^2/N")
 """Units of a response by its order."""
@@ -302,7 +302,7 @@ def _in_form(problem: FrequencyProblem, finding: Finding) -> Finding:
     """Return a finding in the unit of the responses."""
     effect = EFFECTS.get(finding.effect)
     orders = {d.order for d in problem.measured if isinstance(d, Response)}
-    if not isinstance(effect, PickUp) or "command" not in effect.needs or len(orders) != 1:
+    if effect is None or not effect.picks_up or "command" not in effect.needs or len(orders) != 1:
         return finding
     unit = FORMS[orders.pop()]
     return replace(finding, parameters={k: {**p, "unit": unit} for k, p in finding.parameters.items()})

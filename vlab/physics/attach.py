@@ -114,7 +114,7 @@ def attach(plant: Plant, effects: Sequence[Attached], *, channels: Sequence[str]
         else:
             port = _port(plant, one)
             own = numbers(plant, one.effect, one.place, one.values) if isinstance(plant, MjcfPlant) else None
-            is_native = own is not None or isinstance(one.effect, ServoEffect)
+            is_native = own is not None or one.effect.is_in_servo
             changed = copy.copy(plant.model) if is_native and model is None else model
             if own is not None:
                 add_numbers(changed, one.place, own)

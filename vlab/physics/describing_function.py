@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.special import gammaincinv
 
-from vlab.physics.effect import ActuatorEffect, Effect, PickUp, PortEffect, SensorEffect, Step, Values
+from vlab.physics.effect import ChannelEffect, Effect, PortEffect, Step, Values
 from vlab.physics.small_signal import is_linear
 from vlab.signals import Array, ComplexArray
 
@@ -87,12 +87,12 @@ def _harmonics(effect: PortEffect, values: Values, amplitude: Any, omega: Any) -
     return 2 * harmonic / PER_CYCLE, mean / PER_CYCLE
 
 
-def channel_gain(effect: ActuatorEffect | SensorEffect, values: Values, amplitude: Any, omega: float) -> ComplexArray:
+def channel_gain(effect: ChannelEffect, values: Values, amplitude: Any, omega: float) -> ComplexArray:
     """Return the first-harmonic gain of an actuator or sensor law.
 
     Parameters
     ----------
-    effect : ActuatorEffect or SensorEffect
+    effect : ChannelEffect
         Law.
     values : Values
         Parameter values.
@@ -111,10 +111,7 @@ def channel_gain(effect: ActuatorEffect | SensorEffect, values: Values, amplitud
     angle = 2 * np.pi * (np.arange(PER_CYCLE * (SETTLED + 1)) + 0.5) / PER_CYCLE
     h = 2 * np.pi / omega / PER_CYCLE
     signal = np.sin(angle).reshape(-1, *(1,) * a.ndim) * a
-    if isinstance(effect, ActuatorEffect):
-        out = effect.actuate(signal, p, h)
-    else:
-        out = effect.sense(signal, p, h, angle / omega)
+    out = effect.transfer(signal, p, h, angle / omega)
     last = slice(PER_CYCLE * SETTLED, None)
     return np.asarray(2j * np.tensordot(np.exp(-1j * angle[last]), out[last], axes=1) / PER_CYCLE / a)
 
@@ -179,7 +176,7 @@ def _dependence(law: type[Effect]) -> Dependence:
     size = SAME * (np.abs(here).max() + np.abs(fast).max())
     if np.abs(fast - here).max() <= size:
         return "displacement"
-    factor = 2.0 if isinstance(effect, PortEffect) else 1.0
+    factor = 2.0 if effect.is_force else 1.0
     return "velocity" if np.abs(fast - factor * large).max() <= size else "both"
 
 
@@ -187,7 +184,7 @@ def _tried(effect: Effect, values: Values, amplitude: Array, omega: float) -> Co
     with np.errstate(all="ignore"):
         if isinstance(effect, PortEffect):
             return describing_function(effect, values, amplitude, omega)
-        assert isinstance(effect, (ActuatorEffect, SensorEffect))
+        assert isinstance(effect, ChannelEffect)
         return channel_gain(effect, values, amplitude, omega)
 
 
@@ -213,7 +210,7 @@ def has_describing_function(effect: Effect) -> bool:
 @cache
 def _has_describing_function(law: type[Effect]) -> bool:
     effect = law()
-    if is_linear(effect) or isinstance(effect, PickUp) or getattr(effect, "response", "any") != "any":
+    if is_linear(effect) or effect.response != "any":
         return False
     values, a = trial_values(effect), np.array(TRIED)
     own = _tried(effect, values, a, 1.0)
@@ -238,8 +235,5 @@ def _is_calm(effect: Effect, values: Values) -> bool:
         first, _ = effect.force(0.7, 0.4, values, Step(0.01, 0.0, INSTANT), effect.memory(()))
         again, _ = effect.force(0.7, 0.4, values, Step(0.01, late, INSTANT), effect.memory(()))
         return bool(still == 0 and first == again)
-    none = np.zeros(64)
-    if isinstance(effect, ActuatorEffect):
-        return not np.any(effect.actuate(none, values, 0.01))
-    assert isinstance(effect, SensorEffect)
-    return not np.any(effect.sense(none, values, 0.01, np.arange(64) * 0.01))
+    assert isinstance(effect, ChannelEffect)
+    return not np.any(effect.transfer(np.zeros(64), values, 0.01, np.arange(64) * 0.01))

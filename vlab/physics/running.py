@@ -24,7 +24,6 @@ from vlab.physics.effect import (
     Step,
     Values,
 )
-from vlab.physics.servo import ServoEffect
 from vlab.plants.base import Plant, Port
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
@@ -100,7 +99,7 @@ def _source(plant: Plant, a: AtPort) -> _Source:
         return lambda data, commands: 0.0
     coil = a.coil
     state = int(plant.model.actuator_actadr[plant.actuators[coil].controls[0]])
-    if isinstance(a.effect, ServoEffect) and state >= 0:
+    if a.effect.is_in_servo and state >= 0:
         return lambda data, commands: float(data.act[state])
     return lambda data, commands: float(commands[coil])
 
@@ -121,7 +120,7 @@ class PortForces:
         self._is_staggered = plant.model.opt.integrator in STAGGERED
         self._damped = DAMPED.get(plant.model.opt.integrator, 1.0)
         lines = [(a, port) for a in attached for port in (a.port, *a.port.more)]
-        lines.sort(key=lambda line: (isinstance(line[0].effect, PortEffect), line[0].effect.traits.is_dry_friction))
+        lines.sort(key=lambda line: (line[0].effect.is_force, line[0].effect.traits.is_dry_friction))
         data, n = plant.new_data(), len(lines)
         self._ports = [port for _, port in lines]
         self._rest = [port.position(data) for port in self._ports]
@@ -256,16 +255,15 @@ def small_motion(plant: Plant, attached: Sequence[AtPort]) -> tuple[Array, Array
     tuple of (array, array, array) or None
         Mass, damping and stiffness, (nv, nv) each; None without linear effects.
     """
-    linear = [a for a in attached if isinstance(a.effect, LinearPortEffect)]
+    linear = [(a, a.effect) for a in attached if isinstance(a.effect, LinearPortEffect)]
     if not linear:
         return None
     data, nv = plant.new_data(), plant.model.nv
     out = (np.zeros((nv, nv)), np.zeros((nv, nv)), np.zeros((nv, nv)))
-    for a in linear:
-        assert isinstance(a.effect, LinearPortEffect)
+    for a, effect in linear:
         for port in (a.port, *a.port.more):
             row = port.row(data)
-            for matrix, value in zip(out, a.effect.impedance(a.values, a.stiffness), strict=True):
+            for matrix, value in zip(out, effect.impedance(a.values, a.stiffness), strict=True):
                 matrix += value * np.outer(row, row)
     return out
 

@@ -188,9 +188,6 @@ class ServoEffect(PortEffect):
     """
 
     needs: ClassVar[tuple[str, ...]] = ("servo",)
-    numbers: ClassVar[tuple[str, ...]] = ()
-    """Fields of `Servo` that the law also takes as values, where a calibration changes them: ``servo.NAME`` for the
-    servo, ``model.NAME`` for the simulated model to which the force is added."""
     servo: Servo = Servo()
 
     def changed(self, e: Any, v: Any, p: Values) -> Any:

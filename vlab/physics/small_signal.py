@@ -13,12 +13,11 @@ import numpy as np
 from scipy import linalg
 
 from vlab.physics.effect import (
-    ActuatorEffect,
+    ChannelEffect,
     Effect,
     LinearPortEffect,
     PickUp,
     PortEffect,
-    SensorEffect,
     Step,
     Values,
 )
@@ -140,14 +139,14 @@ def _logarithm(stepped: Array) -> Array:
     return np.asarray(out)
 
 
-def channel_response(effect: ActuatorEffect | SensorEffect, values: Values, freq: Array) -> ComplexArray:
+def channel_response(effect: ChannelEffect, values: Values, freq: Array) -> ComplexArray:
     """Return the frequency response of a linear actuator or sensor effect.
 
     For a `PickUp` the response excludes the picked-up signal.
 
     Parameters
     ----------
-    effect : ActuatorEffect or SensorEffect
+    effect : ChannelEffect
         Linear effect.
     values : Values
         Parameter values.
@@ -166,10 +165,7 @@ def channel_response(effect: ActuatorEffect | SensorEffect, values: Values, freq
     h = 1.0 / (PER_CYCLE * top)
     impulse = np.zeros(IMPULSE)
     impulse[0] = 1.0
-    if isinstance(effect, ActuatorEffect):
-        out = effect.actuate(impulse, p, h)
-    else:
-        out = effect.sense(impulse, p, h, np.arange(IMPULSE) * h)
+    out = effect.transfer(impulse, p, h, np.arange(IMPULSE) * h)
     lines, response = np.fft.rfftfreq(IMPULSE, h), np.fft.rfft(out)
     return np.asarray(np.interp(freq, lines, response.real) + 1j * np.interp(freq, lines, response.imag))
 
@@ -179,9 +175,7 @@ def is_linear(effect: Effect) -> bool:
 
     The test concerns small motion.
     """
-    if isinstance(effect, (LinearPortEffect, PickUp)):
-        return True
-    return _tried(type(effect))
+    return effect.is_linear or effect.picks_up or _tried(type(effect))
 
 
 @cache
@@ -200,10 +194,8 @@ def _tried(law: type[Effect]) -> bool:
 
 def _run(effect: Effect, values: Values, signal: Array) -> Array:
     h = 0.01
-    if isinstance(effect, ActuatorEffect):
-        return effect.actuate(signal, values, h)
-    if isinstance(effect, SensorEffect):
-        return effect.sense(signal, values, h, np.arange(len(signal)) * h)
+    if isinstance(effect, ChannelEffect):
+        return effect.transfer(signal, values, h, np.arange(len(signal)) * h)
     assert isinstance(effect, PortEffect)
     memory: Any = effect.memory(())
     out = np.zeros(len(signal))

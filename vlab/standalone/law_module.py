@@ -11,9 +11,8 @@ import numpy as np
 
 from vlab.files.text import one_line
 from vlab.physics.attach import Attached
-from vlab.physics.effect import LinearPortEffect, PortEffect
+from vlab.physics.effect import LinearPortEffect
 from vlab.physics.running import AtActuator, AtPort, AtSensor
-from vlab.physics.servo import ServoEffect
 from vlab.plants.base import Port
 from vlab.plants.mjcf import AXES, MjcfPlant
 from vlab.standalone.law_source import CannotWrite, LawCode
@@ -108,7 +107,7 @@ def law_module(
     code, refused = LawCode(), dict[str, str]()
     lines, commands, readings = list[dict[str, Any]](), list[dict[str, Any]](), list[dict[str, Any]]()
     ports = [a for a in plant.physics if isinstance(a, AtPort)]
-    for a in sorted(ports, key=lambda a: (isinstance(a.effect, PortEffect), a.effect.traits.is_dry_friction)):
+    for a in sorted(ports, key=lambda a: (a.effect.is_force, a.effect.traits.is_dry_friction)):
         _written(code, a, refused, lines, _lines(a, plant))
     for a in plant.physics:
         if isinstance(a, AtActuator):
@@ -203,7 +202,7 @@ def _lines(a: AtPort, plant: MjcfPlant) -> list[dict[str, Any]]:
     if a.coil is not None:
         control = {"control": int(plant.actuators[a.coil].controls[0])}
         state = int(plant.model.actuator_actadr[control["control"]])
-        if isinstance(a.effect, ServoEffect) and state >= 0:
+        if a.effect.is_in_servo and state >= 0:
             control["state"] = state
     return [{**_coordinate(a.port, port, k, plant), **control} for k, port in enumerate((a.port, *a.port.more))]
 

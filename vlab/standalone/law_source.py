@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from vlab.physics.effect import Effect, PortEffect
+from vlab.physics.effect import Effect
 
 PROVIDED = {"Step"}
 """PROVIDED: names of vlab that the running part of a law module defines itself."""
@@ -154,7 +154,7 @@ def _renamed(name: str, used: str) -> str:
 
 def _called(effect: Effect) -> list[str]:
     """Return the methods that a simulation calls."""
-    return ["memory", "force"] if isinstance(effect, PortEffect) else ["stepper"]
+    return list(effect.simulated_by)
 
 
 def _function(value: Any) -> types.FunctionType | None:

@@ -12,7 +12,6 @@ from typing import Any
 import mujoco
 
 from vlab.physics.attach import Attached, actuators_at, attach
-from vlab.physics.effect import ActuatorEffect, SensorEffect
 from vlab.physics.native import Spring, add_springs, numbers, springs
 from vlab.plants.mjcf import MjcfPlant
 
@@ -73,14 +72,14 @@ def native_parts(
     left, as_numbers = [], []
     into = _into_actuators(plant, effects, with_elements)
     for one in effects:
-        if isinstance(one.effect, ActuatorEffect):
+        if one.effect.kind == "actuator":
             if one.label in into.native:
                 native[one.label] = into.native[one.label]
             else:
                 left.append(one)
                 reasons[one.label] = into.reasons[one.label]
             continue
-        if isinstance(one.effect, SensorEffect):
+        if one.effect.kind == "sensor":
             left.append(one)
             reasons[one.label] = "it changes readings, not the motion"
             continue
@@ -140,7 +139,7 @@ def _into_actuators(plant: MjcfPlant, effects: Sequence[Attached], with_elements
     An effect on all actuators is taken over by all or by none.
     """
     out = _IntoActuators()
-    every = [one for one in effects if isinstance(one.effect, ActuatorEffect)]
+    every = [one for one in effects if one.effect.kind == "actuator"]
     later: dict[int, int] = {}
     """By actuator, the place in `ORDER` of the following effect; -1 after a law."""
     for one in reversed(every):

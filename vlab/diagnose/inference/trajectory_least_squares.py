@@ -316,7 +316,7 @@ class TrajectoryLeastSquares(LeastSquares):
             path = path_of(rows, z, v, self.defect, self.h, G, weight, steps, self.even)
             self._paths[term.place.name, steps] = path
         command = None if term.place.coil is None else self._cut(self.moving.commands(term.place.coil))
-        memory = self._remembered(term, own) if isinstance(term.effect, PortEffect) else None
+        memory = self._remembered(term, own) if term.effect.is_force else None
         return Law(term, own, path, self.t, command, memory)
 
     def _remembered(self, term: Term, own: Mapping[str, Array]) -> Any:
@@ -430,7 +430,7 @@ class TrajectoryLeastSquares(LeastSquares):
 
 
 def _has_fine_steps(effect: Effect) -> bool:
-    return effect.traits.is_dry_friction or (isinstance(effect, PortEffect) and effect.is_fast)
+    return effect.traits.is_dry_friction or effect.is_fast
 
 
 def _sensed(effect: SensorEffect, x: Array, p: Values, h: float, t: Array, is_even: bool) -> Array:

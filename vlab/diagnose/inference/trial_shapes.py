@@ -13,7 +13,7 @@ from vlab.diagnose.inference.trial_scan import Scales, best_values, scan_values
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.predictors.innovations import Group
 from vlab.diagnose.predictors.unit_causes import Shape
-from vlab.physics.effect import Effect, Parameter, PortEffect
+from vlab.physics.effect import Effect, Parameter
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,7 +73,7 @@ class TrialShapes:
     def _grid(self, effect: Effect, parameter: Parameter, place: Place) -> list[float]:
         """Return the trial values of a shape parameter, with tones for frequencies."""
         values = [g * self.reference(parameter.reference, place) for g in parameter.grid]
-        if isinstance(effect, PortEffect) and parameter.name == "frequency":
+        if effect.is_force and parameter.name == "frequency":
             values += [hz for hz, stands_out in self.tones(place) if stands_out or effect.response != "none"]
         return values + (self._scanned(effect, parameter, place) if parameter.scan else [])
 

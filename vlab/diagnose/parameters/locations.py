@@ -9,7 +9,7 @@ import numpy as np
 from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.settings import LOCATIONS
 from vlab.physics.attach import port_at
-from vlab.physics.effect import Effect, PickUp
+from vlab.physics.effect import Effect
 from vlab.physics.running import tap_index
 from vlab.physics.servo import Servo, ServoEffect, at_servo, servo_of, servo_port
 from vlab.plants.base import Plant
@@ -135,9 +135,9 @@ def admissible(effect: Effect, place: Place) -> bool:
     at = effect.sought_at
     if at is not None and not any(is_named(name, at) for name in (place.name, *place.aliases)):
         return False
-    if isinstance(effect, PickUp):
+    if effect.picks_up:
         return place.kind == "pick-up" and place.tag in effect.needs
-    if isinstance(effect, ServoEffect):
+    if effect.is_in_servo:
         return place.servo is not None and ("armature" not in effect.needs or place.servo.inertia > 0)
     if effect.kind in ("actuator", "sensor"):
         return place.kind == effect.kind and (not place.also or effect.traits.is_shared)

@@ -12,7 +12,7 @@ import numpy as np
 
 from vlab.diagnose.settings import EQUIVALENT_TABLE
 from vlab.physics.describing_function import channel_gain, dependence, describing_function, gaussian_mean
-from vlab.physics.effect import ActuatorEffect, Effect, PortEffect, SensorEffect, Values
+from vlab.physics.effect import ChannelEffect, Effect, PortEffect, Values
 from vlab.signals import Array, ComplexArray
 
 Shapes = tuple[tuple[str, float], ...]
@@ -60,7 +60,7 @@ def equivalent(
     """
     kind = dependence(effect)
     at = np.asarray(amplitude * omega if kind == "velocity" else amplitude * np.ones_like(omega))
-    factor = omega if kind == "velocity" and isinstance(effect, PortEffect) else 1.0
+    factor = omega if kind == "velocity" and effect.is_force else 1.0
     position = np.log(at) / _step()
     low, high = _bounds(position)
     nodes = _frequency_nodes(omega) if kind == "both" else ()
@@ -103,7 +103,7 @@ def _frequency_nodes(omega: Array) -> tuple[float, ...]:
 def _units(effect: Effect, values: Values) -> list[tuple[float, str, Shapes]]:
     """Return weight, name and parameter values of the unit functions of a law."""
     p = {name: float(value) for name, value in values.items()}
-    names = [q.name for q in effect.amplitudes] if isinstance(effect, PortEffect) else []
+    names = [q.name for q in effect.amplitudes] if effect.is_force else []
     if not names:
         return [(1.0, "", tuple(sorted(p.items())))]
     shapes = tuple((q.name, p[q.name]) for q in effect.shapes)
@@ -123,7 +123,7 @@ def _table(
     def function(a: Array) -> ComplexArray:
         if isinstance(effect, PortEffect):
             return describing_function(effect, p, a, omega[:, None])
-        assert isinstance(effect, (ActuatorEffect, SensorEffect))
+        assert isinstance(effect, ChannelEffect)
         return channel_gain(effect, p, a, 1.0)
 
     with np.errstate(all="ignore"):

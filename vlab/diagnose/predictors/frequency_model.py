@@ -15,7 +15,6 @@ from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.settings import FREQUENCY_MODEL
 from vlab.errors import BadCase
 from vlab.physics.describing_function import has_describing_function
-from vlab.physics.effect import LinearPortEffect
 from vlab.physics.native_laws import native_laws
 from vlab.physics.running import AtActuator, AtPort, AtSensor, tap_index
 from vlab.physics.small_signal import is_linear
@@ -277,7 +276,7 @@ def _physics(plant: Plant, basis: Array, wires: Wires) -> tuple[tuple[Term, ...]
     fixed, left_out = [], []
     data = plant.new_data()
     for one in plant.physics:
-        if isinstance(one, AtPort) and isinstance(one.effect, LinearPortEffect):
+        if isinstance(one, AtPort) and one.effect.is_linear:
             continue  # part of the linearisation
         if not is_linear(one.effect) and not has_describing_function(one.effect):
             left_out.append(f"{one.effect.name} of the model is not linear: its small motion is taken without it")

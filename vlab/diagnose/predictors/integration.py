@@ -36,7 +36,7 @@ def acting_order(terms: Sequence[Term]) -> list[int]:
     list of int
         Indices of the port laws.
     """
-    ports = [i for i, term in enumerate(terms) if isinstance(term.effect, PortEffect)]
+    ports = [i for i, term in enumerate(terms) if term.effect.is_force]
     return sorted(ports, key=lambda i: _rank(terms[i].effect))
 
 

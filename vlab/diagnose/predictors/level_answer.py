@@ -38,7 +38,6 @@ from vlab.diagnose.predictors.level_response import (
     source_gain,
 )
 from vlab.diagnose.settings import FREQUENCY, LEVEL_RESPONSE
-from vlab.physics.effect import SensorEffect
 from vlab.signals import Array, ComplexArray
 
 
@@ -269,7 +268,7 @@ def sensor_gains(
     """
     gain, slope = np.ones_like(H), np.zeros_like(H)
     for term in terms:
-        if not isinstance(term.effect, SensorEffect) or not is_level_dependent(term):
+        if term.effect.kind != "sensor" or not is_level_dependent(term):
             continue
         k = term.place.index
         signal = H[:, k] * excitation.omega ** float(orders[k] - order) * excitation.amplitude
@@ -389,7 +388,7 @@ def _by_term(at: OperatingPoint, index: int) -> list[ComplexArray]:
         terms = [*at.terms[:index], moved, *at.terms[index + 1 :]]
         if is_port(term):
             out.append(_by_port(at, term, moved, by))
-        elif is_level_dependent(term) and isinstance(term.effect, SensorEffect):
+        elif is_level_dependent(term) and term.effect.kind == "sensor":
             change = (at.sensor_gain(terms)[0] - at.sensor_gain()[0]) / by
             out.append(at.sensed * change * at.chain.gain)
         else:

@@ -16,7 +16,6 @@ from vlab.diagnose.data.responses import Response
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.equivalent_table import Equivalent, equivalent
 from vlab.diagnose.settings import LEVEL_RESPONSE
-from vlab.physics.effect import ActuatorEffect
 from vlab.signals import Array, ComplexArray
 
 
@@ -319,7 +318,7 @@ def source_gain(terms: Sequence[Term], actuator: int | None, excitation: Excitat
     out = np.ones(len(excitation.omega), dtype=complex)
     none = np.zeros_like(out)
     for term in terms:
-        if isinstance(term.effect, ActuatorEffect) and actuator is not None and actuator in term.place.indices:
+        if term.effect.kind == "actuator" and actuator is not None and actuator in term.place.indices:
             command = excitation.amplitude.astype(complex)
             omega = excitation.frequency(command)
             own = equivalent(

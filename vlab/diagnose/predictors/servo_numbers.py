@@ -8,7 +8,7 @@ import numpy as np
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.problem import Problem
 from vlab.physics.effect import Effect
-from vlab.physics.servo import ServoEffect, servo_of
+from vlab.physics.servo import servo_of
 from vlab.signals import Array
 
 
@@ -36,7 +36,7 @@ def servo_numbers(problem: Problem, effect: Effect, place: Place, theta: Array, 
     dict of str to (...) array
         Numbers by name ``servo.NAME`` and ``model.NAME``; empty for a law without such numbers.
     """
-    if not isinstance(effect, ServoEffect) or not effect.numbers or place.servo is None:
+    if not effect.numbers or place.servo is None:
         return {}
     powers = _powers(problem, place.indices[0], effect.numbers)
     at = {"servo": theta, "model": np.broadcast_to(about, np.shape(theta))}
@@ -65,7 +65,7 @@ def carried(problem: Problem, effect: Effect, place: Place) -> Array:
         Mask of the factors.
     """
     out = np.zeros(len(problem.reduced_model.changes), dtype=bool)
-    if isinstance(effect, ServoEffect) and effect.numbers and place.servo is not None:
+    if effect.numbers and place.servo is not None:
         for power in _powers(problem, place.indices[0], effect.numbers).values():
             out |= power != 0.0
     return out

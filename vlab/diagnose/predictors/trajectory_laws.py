@@ -128,7 +128,7 @@ class Law:
         self.effect, self.path, self.t, self.command, self.memory = term.effect, path, t, command, memory
         self.p = {name: np.asarray(value)[:, None] for name, value in own.items()}
         self.numbers = tuple(name for name in own if all(name != p.name for p in term.effect.parameters))
-        self.is_linear = isinstance(term.effect, LinearPortEffect)
+        self.is_linear = term.effect.is_linear
         self.is_last = term.effect.traits.is_dry_friction  # sticking balances all other forces
         self.is_single = path.rows.shape[1] == 1
         m = path.rows.shape[-1]

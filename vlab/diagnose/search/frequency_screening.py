@@ -33,7 +33,7 @@ from vlab.diagnose.predictors.level_response import Element, source_gain
 from vlab.diagnose.search.level_trials import LevelMotion, Levels, level_trials
 from vlab.diagnose.search.trial_values import trials
 from vlab.diagnose.settings import FREQUENCY_SCREENING
-from vlab.physics.effect import Effect, PortEffect
+from vlab.physics.effect import Effect
 from vlab.physics.small_signal import is_linear
 from vlab.signals import Array, ComplexArray
 
@@ -251,7 +251,7 @@ class ScoreTest:
                 view, state = self.small
                 own = [_cut_term(t, view.m) for t in (*self.point.terms, term)]
                 if acts_in_table(view, data, own) or any(
-                    is_port(t) and isinstance(t.effect, PortEffect) for t in (*view.fixed, *own)
+                    t.effect.is_force for t in (*view.fixed, *own)
                 ):  # forces with memory
                     parts.append(modal_residual(view, state, data, own).e)
                 else:

@@ -320,11 +320,11 @@ def with_effects(screen: ScoreTest, fit: Fit) -> Problem:
     problem, reduced_model, runs = screen.problem, screen.reduced_model, list(screen.runs)
     for term in fit.terms:
         if isinstance(term.effect, LinearPortEffect):
-            reduced_model = _stiffened(reduced_model, term)
+            reduced_model = _stiffened(reduced_model, term, term.effect)
         elif isinstance(term.effect, ActuatorEffect):
-            runs = [_actuated(run, term) for run in runs]
+            runs = [_actuated(run, term, term.effect) for run in runs]
         elif isinstance(term.effect, SensorEffect):
-            runs = [_corrected(run, term) for run in runs]
+            runs = [_corrected(run, term, term.effect) for run in runs]
         else:
             reduced_model = replace(reduced_model, loads=np.hstack([reduced_model.loads, term.place.rows[:1].T]))
             forces = {id(run): f for group in screen.groups for run, f in _forces(screen, group, term)}
@@ -335,33 +335,30 @@ def with_effects(screen: ScoreTest, fit: Fit) -> Problem:
     return replace(problem, reduced_model=reduced_model, signals=tuple(runs))
 
 
-def _stiffened(reduced_model: ReducedModel, term: Term) -> ReducedModel:
-    assert isinstance(term.effect, LinearPortEffect)
-    parts = term.effect.impedance({k: np.asarray(v) for k, v in term.values.items()}, term.place.stiffness)
+def _stiffened(reduced_model: ReducedModel, term: Term, effect: LinearPortEffect) -> ReducedModel:
+    parts = effect.impedance({k: np.asarray(v) for k, v in term.values.items()}, term.place.stiffness)
     M, C, K = reduced_model.M, reduced_model.C, reduced_model.K
     for row in term.place.rows:
         M, C, K = (x + float(part) * np.outer(row, row) for x, part in zip((M, C, K), parts, strict=True))
     return replace(reduced_model, M=M, C=C, K=K)
 
 
-def _actuated(run: Signals, term: Term) -> Signals:
-    assert isinstance(term.effect, ActuatorEffect)
+def _actuated(run: Signals, term: Term, effect: ActuatorEffect) -> Signals:
     u = run.u.copy()
     for i in term.place.indices:
-        u[:, i] = term.effect.follow(u[:, i], dict(term.values), run.h, float(run.command_before[i]))
+        u[:, i] = effect.follow(u[:, i], dict(term.values), run.h, float(run.command_before[i]))
     return replace(run, u=u)
 
 
-def _corrected(run: Signals, term: Term) -> Signals:
-    assert isinstance(term.effect, SensorEffect)
+def _corrected(run: Signals, term: Term, effect: SensorEffect) -> Signals:
     y, i, k = run.y.copy(), term.place.index, term.place.other
     noise = run.noise.copy()
-    if isinstance(term.effect, PickUp):
+    if isinstance(effect, PickUp):
         other = before(run.u[:, k]) if term.place.tag == "command" else run.y[:, k]
-        y[:, i] = 2 * y[:, i] - term.effect.mix(y[:, i], other, dict(term.values))  # to first order
+        y[:, i] = 2 * y[:, i] - effect.mix(y[:, i], other, dict(term.values))  # to first order
     else:
-        y[:, i] = term.effect.correct(y[:, i], dict(term.values), run.h, run.t)
-        noise[i] *= term.effect.growth(dict(term.values), run.h)
+        y[:, i] = effect.correct(y[:, i], dict(term.values), run.h, run.t)
+        noise[i] *= effect.growth(dict(term.values), run.h)
     return replace(run, y=y, noise=noise)
 
 

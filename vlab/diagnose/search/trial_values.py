@@ -12,7 +12,7 @@ from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
 from vlab.diagnose.settings import TRIAL_VALUES
 from vlab.physics.describing_function import has_describing_function
-from vlab.physics.effect import Effect, Parameter, PickUp
+from vlab.physics.effect import Effect, Parameter
 from vlab.physics.small_signal import is_linear
 from vlab.signals import Array
 
@@ -147,7 +147,7 @@ def _channel_grid(
         return [t / (2 * np.pi * high) for t in (*TRIAL_VALUES.times, *((10.0, 50.0) if "lag" in effect.name else ()))]
     if p.unit == "Hz":
         return list(np.geomspace(2 * low, 3 * high, 10))
-    if isinstance(effect, PickUp):
+    if effect.picks_up:
         if "command" not in effect.needs:
             return TRIAL_VALUES.picked
         size = np.median(

@@ -11,6 +11,7 @@ at once, MuJoCo for one value at a time. The screening turns a law into regressi
 
 from vlab.physics.effect.actuator import ActuatorEffect, ActuatorStep
 from vlab.physics.effect.base import OWN_SHARE, Effect, Kind
+from vlab.physics.effect.channel import ChannelEffect
 from vlab.physics.effect.limits import limited, positive, smooth_sign, softly_limited
 from vlab.physics.effect.parameter import TIMES, Parameter, Reference, Scan, Values
 from vlab.physics.effect.port import LinearPortEffect, PortEffect, Step
@@ -22,6 +23,7 @@ __all__ = [
     "TIMES",
     "ActuatorEffect",
     "ActuatorStep",
+    "ChannelEffect",
     "Effect",
     "Kind",
     "LinearPortEffect",

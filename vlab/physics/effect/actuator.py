@@ -6,7 +6,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from vlab.physics.effect.base import Effect, Kind
+from vlab.physics.effect.base import Kind
+from vlab.physics.effect.channel import ChannelEffect
 from vlab.physics.effect.parameter import Values
 from vlab.signals import Array
 
@@ -14,7 +15,7 @@ ActuatorStep = Callable[[float], float]
 """One command sample to one force sample; the callable holds the law's memory."""
 
 
-class ActuatorEffect(Effect):
+class ActuatorEffect(ChannelEffect):
     """A change of a command before the force.
 
     `actuate` applies the law to a whole signal, `stepper` sample by sample. A law without memory needs `actuate` only;
@@ -30,6 +31,10 @@ class ActuatorEffect(Effect):
     """Whether a constant added to the command is added to the force, as in a delay or a slew limit."""
     keeps_time: ClassVar[bool] = False
     """Whether the law runs on a clock of its own that starts with the recording, as a hold does."""
+
+    def transfer(self, x: Array, p: Values, h: float, t: Array) -> Array:
+        """See `ChannelEffect`: `actuate`."""
+        return self.actuate(x, p, h)
 
     def reach(self, p: Values) -> float:
         """Return the time over which past commands matter [s].

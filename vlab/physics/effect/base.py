@@ -40,6 +40,19 @@ class Effect(ABC):
     not show the change. The law's amplitude is then a stiffness of the changed element."""
     is_linear: ClassVar[bool] = False
     """Whether the effect adds mass, damping or stiffness."""
+    response: ClassVar[Literal["any", "linear", "none"]] = "any"
+    """Dependence of a port's force on the port's motion. ``"linear"``: force and memory are linear in motion and memory,
+    the same at all times and under every command. ``"none"``: the force depends on time alone. Both kinds are simulated
+    much faster than ``"any"``."""
+    is_fast: ClassVar[bool] = False
+    """Whether the law moves faster than samples, so that the search takes several steps a sample."""
+    picks_up: ClassVar[bool] = False
+    """Whether a sensor effect picks up a second signal."""
+    numbers: ClassVar[tuple[str, ...]] = ()
+    """Fields of `vlab.physics.servo.Servo` that the law also takes as values, where a calibration changes them:
+    ``servo.NAME`` for the servo, ``model.NAME`` for the simulated model to which the force is added."""
+    simulated_by: ClassVar[tuple[str, ...]] = ("stepper",)
+    """Methods that a simulation calls."""
     sought_at: frozenset[str] | None = None
     """Names of the places at which alone the effect is sought, with or without their kind; None for all places."""
     is_last_resort: ClassVar[bool] = False
@@ -61,6 +74,16 @@ class Effect(ABC):
     def needs_rest(self) -> bool:
         """Whether the law is plausible at an element with a position of rest only."""
         return self.traits.needs_rest or "magnet" in self.needs
+
+    @property
+    def is_force(self) -> bool:
+        """Whether the effect is a force law at a port, not an added mass, damping or stiffness."""
+        return self.kind == "port" and not self.is_linear
+
+    @property
+    def is_in_servo(self) -> bool:
+        """Whether the effect acts within a position servo's loop."""
+        return "servo" in self.needs
 
     @property
     def has_state(self) -> bool:

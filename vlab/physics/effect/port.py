@@ -1,7 +1,7 @@
 """Effects at ports: forces, and added mass, damping and stiffness."""
 
 from abc import abstractmethod
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from vlab.physics.effect.base import Effect, Kind
 from vlab.physics.effect.parameter import Values
@@ -42,12 +42,7 @@ class PortEffect(Effect):
     """A force along the coordinate of a port."""
 
     kind: ClassVar[Kind] = "port"
-    response: ClassVar[Literal["any", "linear", "none"]] = "any"
-    """Dependence of the force on the port's motion. ``"linear"``: force and memory are linear in motion and memory, the
-    same at all times and under every command. ``"none"``: the force depends on time alone. Both kinds are simulated
-    much faster than ``"any"``."""
-    is_fast: ClassVar[bool] = False
-    """Whether the law moves faster than samples, so that the search takes several steps a sample."""
+    simulated_by = ("memory", "force")
 
     @property
     def has_state(self) -> bool:

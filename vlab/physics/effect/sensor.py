@@ -6,7 +6,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from vlab.physics.effect.base import Effect, Kind
+from vlab.physics.effect.base import Kind
+from vlab.physics.effect.channel import ChannelEffect
 from vlab.physics.effect.parameter import Values
 from vlab.signals import Array
 
@@ -19,13 +20,17 @@ SETTLING = 512
 """SETTLING [samples]: default settling time of a sensor effect."""
 
 
-class SensorEffect(Effect):
+class SensorEffect(ChannelEffect):
     """A change of a motion before the recorded sample.
 
     `sense` applies the law to a whole signal, `stepper` sample by sample, as in `ActuatorEffect`.
     """
 
     kind: ClassVar[Kind] = "sensor"
+
+    def transfer(self, x: Array, p: Values, h: float, t: Array) -> Array:
+        """See `ChannelEffect`: `sense`."""
+        return self.sense(x, p, h, t)
 
     def stepper(self, p: Values, h: float) -> SensorStep:
         """Return the sample-by-sample form of `sense`.
@@ -133,6 +138,8 @@ class PickUp(SensorEffect):
 
     The second signal is the command of a coil or the output of another sensor, as `needs` states.
     """
+
+    picks_up = True
 
     @abstractmethod
     def mix(self, y: Any, other: Any, p: Values) -> Any:
