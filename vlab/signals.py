@@ -88,6 +88,11 @@ def _frozen(array: Any, dtype: Any) -> Any:
     return out
 
 
+def sample_period(time: Array) -> float:
+    """Return the sample period of time stamps [s], the median interval."""
+    return float(np.median(np.diff(time)))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recording:
     """Simultaneously sampled channels in SI units.
@@ -189,6 +194,11 @@ class Recording:
         """Whether time steps are even within 1e-4."""
         steps = np.diff(self.time)
         return bool(np.ptp(steps) <= 1e-4 * np.mean(steps) + 4 * np.spacing(np.abs(self.time).max()))
+
+    @property
+    def sample_period(self) -> float:
+        """Median interval of the time stamps [s], even or uneven."""
+        return sample_period(self.time)
 
     @property
     def rate(self) -> float:

@@ -4,13 +4,13 @@ A case is a TOML file: ``case.toml`` in its folder, or a file of any other name.
 folder. Every file that a case names lies in the folder of the case file.
 """
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from vlab.cases.channel_map import Run, find_input, find_output, find_place, make_run, wire
-from vlab.cases.description import CaseTable, ModelTable, RecordingTable
+from vlab.cases.description import CaseTable, ChannelTable, ModelTable, RecordingTable
 from vlab.cases.in_memory import LABEL, prefixed, read_arrays, read_model
 from vlab.cases.written_out import WrittenOut, check_file, write_out
 from vlab.errors import BadCase, VlabError, unknown_name
@@ -201,6 +201,20 @@ class Case:
         """
         named = [(r.name or f"recording{i + 1}", r) for i, r in enumerate(self.table.recording)]
         return [(name, r) for name, r in named if r.role in roles]
+
+    def with_recordings(self, tables: Iterable[RecordingTable]) -> "Case":
+        """Return the case with other tables of its recordings, in order."""
+        return replace(self, table=replace(self.table, recording=tuple(tables)))
+
+    def with_channels(self, changed: Callable[[RecordingTable], Iterable[ChannelTable]]) -> "Case":
+        """Return the case with other channel tables.
+
+        Parameters
+        ----------
+        changed : callable
+            Returns the channel tables of a recording.
+        """
+        return self.with_recordings(replace(t, channel=tuple(changed(t))) for t in self.table.recording)
 
     def runs(self, roles: Sequence[str] = ("fit", "holdout")) -> list[Run]:
         """Read recordings by role and map their channels.

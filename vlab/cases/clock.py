@@ -6,7 +6,7 @@ import numpy as np
 
 from vlab.cases.channel_map import Run
 from vlab.errors import BadCase
-from vlab.signals import Array
+from vlab.signals import Array, sample_period
 
 MAX_STEPS, MAX_EACH = 100_000_000, 10_000
 """MAX_STEPS, MAX_EACH [steps]: longest run, about 8 min at 5 us a step, and mean number per sample."""
@@ -70,7 +70,7 @@ def plan_clock(timestep: float, run: Run) -> Clock:
     time = run.measured.time - run.measured.time[0]
     sample = 1.0 / run.measured.rate if run.measured.is_uniform else None
     if sample is None:
-        timestep = min(timestep, float(np.median(np.diff(time))))
+        timestep = min(timestep, sample_period(time))
     law = None if run.law is None else 1.0 / run.law.rate_hz
     period, law_every, dense = sample or law, 1, sample is None
     if sample is not None and law is not None:

@@ -98,9 +98,7 @@ class Bench:
         states, raw = run_open_loop(self.model, self.data, controls, present, ahead=self._ahead, progress=progress)
         sensors, data = self.sensors(raw), self._copy
         out = np.zeros((len(raw), len(run.compared)))
-        for i, c in enumerate(run.compared):
-            if c.sensor is not None:
-                out[:, i] = sensors[:, c.sensor]
+        copy_sensors(run.compared, sensors, out)
         of_ports = [(i, c) for i, c in enumerate(run.compared) if c.sensor is None and c.port]
         moves = not all(self.plant.port(c.port).is_constant for _, c in of_ports)
         for k, (qpos, qvel) in enumerate(zip(*motion_of(self.model, states), strict=True)) if of_ports else ():
@@ -389,11 +387,25 @@ def _played(
             check_run(model, data, last_check * clock.timestep)
             progress((k + 1) / (clock.readings - 1))
     if raw is not None:
-        sensors = bench.sensors(raw)
-        for i, c in enumerate(run.compared):
-            if c.sensor is not None:
-                out[:, i] = sensors[:, c.sensor]
+        copy_sensors(run.compared, bench.sensors(raw), out)
     return Played(times, out)
+
+
+def copy_sensors(compared: Sequence[Compared], sensors: Array, out: Array) -> None:
+    """Copy the columns of compared sensors.
+
+    Parameters
+    ----------
+    compared : sequence of Compared
+        Compared channels.
+    sensors : (n, n_sensors) array
+        Sensors of the plant.
+    out : (n, n_channels) array
+        Compared channels, overwritten where a channel is a sensor.
+    """
+    for i, c in enumerate(compared):
+        if c.sensor is not None:
+            out[:, i] = sensors[:, c.sensor]
 
 
 def _read(bench: Bench, run: Run, physics: Running | None, time: float, out: Array) -> Array:

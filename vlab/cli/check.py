@@ -6,8 +6,6 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from vlab.cases.compare import Comparison
 from vlab.cli.case_argument import OUTSIDE, add_case
 from vlab.cli.common import Outcome, share_bar, text_table
@@ -142,7 +140,7 @@ def _periods(checked: Precheck) -> list[str]:
     assert checked.comparison is not None
     out = []
     for run in checked.comparison.runs:
-        period = float(np.median(np.diff(run.measured.time)))
+        period = run.measured.sample_period
         seconds = float(run.measured.time[-1] - run.measured.time[0])
         out.append(
             in_line(

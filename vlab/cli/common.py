@@ -54,6 +54,21 @@ def seed_number(text: str) -> int:
     return number
 
 
+def add_seed(parser: argparse.ArgumentParser, words: str, *, default: int | None = None) -> None:
+    """Add the argument ``--seed``.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Parser of the command.
+    words : str
+        Help: what is drawn, and the default.
+    default : int or None
+        Seed without the argument; None lets the command decide.
+    """
+    parser.add_argument("--seed", type=seed_number, default=default, help=words)
+
+
 def text_table(headers: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     """Return an aligned plain-text table, with numbers flush right.
 

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from vlab.cli.common import Outcome, count_bar, seed_number, text_table
+from vlab.cli.common import Outcome, add_seed, count_bar, text_table
 from vlab.errors import BadExperiment
 from vlab.proof.campaign import ENGINES
 from vlab.proof.conceal import conceal_cases, regenerate_cases, truth_folder
@@ -17,11 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--suite", default="all", help=f"draw from these suites, separated by commas: {known} (default all)"
     )
     parser.add_argument("--n", type=int, default=12, help="generate this number of cases (default 12)")
-    parser.add_argument(
-        "--seed",
-        type=seed_number,
-        help="draw everything with this seed (default: fresh, or the seed of the interrupted run)",
-    )
+    add_seed(parser, "draw everything with this seed (default: fresh, or the seed of the interrupted run)")
     parser.add_argument("--out", help="write the cases to this folder and the truth to OUT-truth (required)")
     parser.add_argument(
         "--benches",

@@ -3,7 +3,7 @@
 import argparse
 import json
 
-from vlab.cli.common import Outcome, progress_bar, seed_number, text_table
+from vlab.cli.common import Outcome, add_seed, progress_bar, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.files.output_folder import finite, output_folder, write_manifest
 from vlab.files.text import in_line
@@ -20,9 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--variant", default="published", help="model this variant of the structure: published (default) or physical"
     )
-    parser.add_argument(
-        "--seed", type=seed_number, default=0, help="draw variation, excitation and noise with this seed (default 0)"
-    )
+    add_seed(parser, "draw variation, excitation and noise with this seed (default 0)", default=0)
     parser.add_argument(
         "--modes", type=int, default=11, metavar="N", help="use at most this number of measured modes (default 11)"
     )

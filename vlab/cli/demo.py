@@ -4,7 +4,7 @@ import argparse
 import sys
 import time
 
-from vlab.cli.common import Outcome, seed_number, text_table
+from vlab.cli.common import Outcome, add_seed, text_table
 from vlab.cli.destination import add_out, check_out, destination
 from vlab.demo.story import run_demo
 from vlab.diagnose.advice import format_probability
@@ -16,9 +16,7 @@ OUT = "out/demo"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add_out(parser, "report.html and run.rrd to this folder", default=OUT)
-    parser.add_argument(
-        "--seed", type=seed_number, default=0, help="draw the concealed effect with this seed (default 0)"
-    )
+    add_seed(parser, "draw the concealed effect with this seed (default 0)", default=0)
 
 
 def run(arguments: argparse.Namespace) -> Outcome:

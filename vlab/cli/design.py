@@ -8,7 +8,7 @@ import numpy as np
 from vlab import units
 from vlab.api.design import design
 from vlab.api.law_argument import file_of
-from vlab.cli.common import Outcome, seed_number, text_table
+from vlab.cli.common import Outcome, add_seed, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.controllers.catalogue import LAWS, laws_with_delay
 from vlab.controllers.lqdrf import KINDS
@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--starts", type=int, help="search from this number of random starts (default: that of the law)"
     )
-    parser.add_argument("--seed", type=seed_number, help="draw the random starts with this seed (default 0)")
+    add_seed(parser, "draw the random starts with this seed (default 0)")
     parser.add_argument("--rate", type=float, help="sample a law with states at this rate in Hz (default 1000)")
     parser.add_argument(
         "--with-delay",

@@ -9,7 +9,7 @@ from typing import Any
 from vlab.api.experiment import run_prepared
 from vlab.api.law_argument import file_of
 from vlab.cases.description import ModelTable
-from vlab.cli.common import Outcome, progress_bar, seed_number, share_bar
+from vlab.cli.common import Outcome, add_seed, progress_bar, share_bar
 from vlab.cli.destination import add_out, check_out, destination
 from vlab.cli.loop_summary import loop_facts, loop_text, period_text, periods_of
 from vlab.controllers.catalogue import laws_in_a_loop
@@ -108,9 +108,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="simulate this duration in s (default: from the slowest mode of the plant; 60 with a law)",
     )
     parser.add_argument("--rate", type=float, help="sample loop and recording at this rate in Hz (default 2000)")
-    parser.add_argument(
-        "--seed", type=seed_number, default=default.seed, help="draw excitation and noise with this seed (default 0)"
-    )
+    add_seed(parser, "draw excitation and noise with this seed (default 0)", default=default.seed)
     parser.add_argument(
         "--noise",
         type=float,

@@ -5,7 +5,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from vlab.cli.common import Outcome, count_bar, seed_number, text_table
+from vlab.cli.common import Outcome, add_seed, count_bar, text_table
 from vlab.cli.conceal import add_engine
 from vlab.errors import BadExperiment
 from vlab.proof.conceal import conceal_cases
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="conceal fresh cases first, with a fresh seed that is printed (default: no)",
     )
-    parser.add_argument("--seed", type=seed_number, help="with --quick: draw with this seed (default: fresh)")
+    add_seed(parser, "with --quick: draw with this seed (default: fresh)")
     parser.add_argument(
         "--n", type=int, default=QUICK_CASES, help="with --quick: conceal this number of cases (default 12)"
     )

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from vlab.cli.common import Outcome, progress_bar, seed_number, share_bar, text_table
+from vlab.cli.common import Outcome, add_seed, progress_bar, share_bar, text_table
 from vlab.cli.destination import add_out, check_out, destination
 from vlab.cli.loop_summary import effort_table, ring_down_table
 from vlab.errors import BadExperiment
@@ -43,12 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="",
         help=f"simulate experiments on this plant: composite or modal (default {_default_plants()})",
     )
-    parser.add_argument(
-        "--seed",
-        type=seed_number,
-        default=0,
-        help="draw excitation and noise of the experiments with this seed (default 0)",
-    )
+    add_seed(parser, "draw excitation and noise of the experiments with this seed (default 0)", default=0)
     parser.add_argument(
         "--limit-cycle",
         action="store_true",

@@ -47,15 +47,15 @@ def check_clock(case: Case, runs: Sequence[Run]) -> None:
     tables = dict(case.recordings(("fit", "holdout")))
     for run in runs:
         table = tables[run.name]
-        step = float(np.median(np.diff(run.measured.time)))
+        step = run.measured.sample_period
         named = _named_unit(table)
         if named is not None:
             ratio = units.factor(named, "s") / units.factor(table.time_unit, "s")
             own, other = (abs(np.log(step * r / case.plant.timestep)) for r in (1.0, ratio))
             if abs(ratio - 1.0) > 1e-9 and other < own:
                 raise _refused(case, run, table, named, f"its name says {named}")
-    longest = max(runs, key=lambda run: float(np.median(np.diff(run.measured.time))), default=None)
-    if longest is None or float(np.median(np.diff(longest.measured.time))) < COARSE * case.plant.timestep:
+    longest = max(runs, key=lambda run: run.measured.sample_period, default=None)
+    if longest is None or longest.measured.sample_period < COARSE * case.plant.timestep:
         return
     found = next((unit for unit, ratio in _other_units(tables[longest.name]) if _explains(case, longest, ratio)), None)
     if found is not None and not _is_explained(_beside(case, first_seconds(case.plant, longest, MOST_STEPS))):
@@ -107,7 +107,7 @@ def _is_explained(tried: Beside, most: float = UNEXPLAINED) -> bool:
 
 
 def _refused(case: Case, run: Run, table: RecordingTable, unit: str, why: str) -> BadCase:
-    step = float(np.median(np.diff(run.measured.time)))
+    step = run.measured.sample_period
     many = f"samples are {step:.4g} s apart, {step / case.plant.timestep:.4g} integration steps of the model"
     if table.time is None:
         ratio = units.factor(unit, "s")

@@ -110,7 +110,7 @@ def _same_shift(now: Beside, name: str) -> float | None:
         if own is None or name not in run.measured.names:
             continue
         one = shift(run.measured.time, run.measured[name], own[name])
-        step = max(step, float(np.median(np.diff(run.measured.time))))
+        step = max(step, run.measured.sample_period)
         if one is not None:
             found.append(one)
     if not found or any(one.before < MATTERS or one.after > SMALLER * one.before for one in found):

@@ -1,4 +1,4 @@
-"""Sample period of a record, and the band of recorded motion."""
+"""Band of recorded motion."""
 
 from collections.abc import Sequence
 
@@ -7,11 +7,6 @@ from scipy import signal
 
 from vlab.diagnose.settings import NOISE, RUNS
 from vlab.signals import Array
-
-
-def uniform(time: Array) -> float:
-    """Return the sample period of a record [s], the median of its intervals."""
-    return float(np.median(np.diff(time)))
 
 
 def fastest(y: Array, h: float, orders: Sequence[int]) -> float:

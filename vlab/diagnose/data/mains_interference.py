@@ -19,7 +19,7 @@ from scipy import signal
 from vlab.cases.channel_map import Run, compared_names
 from vlab.diagnose.data.quality import marked
 from vlab.diagnose.settings import INTERFERENCE
-from vlab.signals import Array, Recording
+from vlab.signals import Array, Recording, sample_period
 
 BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])
 """BLACKMAN_HARRIS [1]: cosine coefficients of the four-term window with side lobes at -92 dB (Harris 1978)."""
@@ -203,7 +203,7 @@ def _sized(interference: MainsInterference, runs: Sequence[Run]) -> MainsInterfe
 def _line(run: Run, channel: str, nominal: float) -> float | None:
     """Return the frequency [Hz] of a steady undriven line near a nominal one, or None."""
     time, values = run.measured.time - run.measured.time[0], run.measured[channel]
-    h = float(np.median(np.diff(time)))
+    h = sample_period(time)
     if nominal > INTERFERENCE.highest / h or time[-1] * nominal < INTERFERENCE.least_cycles or np.ptp(values) == 0.0:
         return None
     band = _Band.of(time, values, nominal)
@@ -223,7 +223,7 @@ def _is_harmonic(run: Run, time: Array, frequency: float) -> bool:
         values = run.measured[drive.channel]
         if np.ptp(values) == 0.0:
             continue  # an actuator at rest has no line
-        freq, power = signal.periodogram(values - values.mean(), 1.0 / float(np.median(np.diff(time))), window="hann")
+        freq, power = signal.periodogram(values - values.mean(), 1.0 / sample_period(time), window="hann")
         top = int(np.argmax(power))
         if power[max(top - 2, 0) : top + 3].sum() < INTERFERENCE.one_line * power.sum():
             continue

@@ -15,7 +15,7 @@ from vlab.cases.channel_map import Compared, Run, compared_names
 from vlab.cases.checks import FileCheck
 from vlab.diagnose.settings import QUALITY
 from vlab.recordings.quality import cut_off, findings, flat_tops, held_samples, long_step
-from vlab.signals import Array
+from vlab.signals import Array, sample_period
 
 DAMAGING = ("duplicate", "gap", "held", "quantisation", "sign", "units")
 """Kinds of warnings that can explain a residual. Limits are masked, uneven samples are compared at their own times, and
@@ -186,7 +186,7 @@ def on_clock(run: Run, valid: NDArray[np.bool_], grid: Array) -> NDArray[np.bool
         False near masked samples and inside gaps.
     """
     time = run.measured.time - run.measured.time[0]
-    h, step = float(np.median(np.diff(time))), float(np.median(np.diff(grid)))
+    h, step = sample_period(time), sample_period(grid)
     reach = max(h, step)
     count = np.vstack([np.zeros((1, valid.shape[1])), np.cumsum(~valid, axis=0)])
     first = np.searchsorted(time, grid - 1.01 * reach)

@@ -20,7 +20,6 @@ from typing import Literal
 import numpy as np
 
 from vlab.cases.channel_map import Run
-from vlab.diagnose.data.band import uniform
 from vlab.diagnose.data.free_decay import without_decays
 from vlab.diagnose.data.local_rational import noise_lines, spectrum
 from vlab.diagnose.settings import NOISE
@@ -141,7 +140,7 @@ def repeats(one: Run, other: Run) -> bool:
     names = [d.channel for d in one.drives]
     if not names or one.law is not None or other.law is not None or not (a.is_uniform and b.is_uniform):
         return False
-    if names != [d.channel for d in other.drives] or abs(uniform(a.time) / uniform(b.time) - 1.0) > 1e-6:
+    if names != [d.channel for d in other.drives] or abs(a.sample_period / b.sample_period - 1.0) > 1e-6:
         return False
     n = min(len(a), len(b))
     return _are_equal(*(np.column_stack([part[name][:n] for name in names]) for part in (a, b)))
@@ -188,7 +187,7 @@ def _longer(run: Run) -> Recording | None:
         return None
     time = np.concatenate([before.time, own.time])
     step = np.diff(time)
-    if np.ptp(step) > 1e-3 * uniform(own.time):
+    if np.ptp(step) > 1e-3 * own.sample_period:
         return None
     return replace(own, time=time, data=np.vstack([before.select(own.names).data, own.data]))
 

@@ -10,7 +10,6 @@ import numpy as np
 from scipy import stats
 
 from vlab.cases.channel_map import Run
-from vlab.diagnose.data.band import uniform
 from vlab.diagnose.data.local_rational import noise_lines, nonlinear_spectra, spectrum
 from vlab.diagnose.settings import RESIDUAL_NOISE
 from vlab.signals import ORDER, Array
@@ -87,4 +86,4 @@ def noise_share(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Ar
 def _nonlinear(run: Run, column: int) -> list[Array]:
     """Return spectra of nonlinear functions of the motion in a column of a run."""
     order = ORDER.get(run.measured.channels[column].kind, 0)
-    return nonlinear_spectra(run.measured.data[:, column], order, uniform(run.measured.time))
+    return nonlinear_spectra(run.measured.data[:, column], order, run.measured.sample_period)

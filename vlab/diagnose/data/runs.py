@@ -13,13 +13,13 @@ from scipy import signal
 from vlab.cases.channel_map import Compared, Run
 from vlab.cases.initial_state import begins_at_rest
 from vlab.cases.replay_inputs import before
-from vlab.diagnose.data.band import fastest, uniform
+from vlab.diagnose.data.band import fastest
 from vlab.diagnose.data.noise import known_noise, noise_level
 from vlab.diagnose.data.quality import is_informative, on_clock
 from vlab.diagnose.settings import RUNS
 from vlab.hardware.output_chain import OutputChain
 from vlab.plants.base import Plant
-from vlab.signals import Array
+from vlab.signals import Array, sample_period
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -308,7 +308,7 @@ def on_grid(time: Array, values: Array, grid: Array, thin: int) -> Array:
     (m,) array
         Channel on the grid.
     """
-    h = uniform(time)
+    h = sample_period(time)
     even = time[0] + h * np.arange(round((time[-1] - time[0]) / h) + 1)
     aligned = even.size == time.size and bool(np.all(np.abs(even - time) < 1e-3 * h))
     x = values if aligned else np.interp(even, time, values)
@@ -364,7 +364,7 @@ def signals_of(
         Run on the clock of the search.
     """
     time = run.measured.time - run.measured.time[0]
-    h, n_actuators = uniform(time), len(plant.actuators)
+    h, n_actuators = sample_period(time), len(plant.actuators)
     columns = np.column_stack(
         [run.measured[c.channel] - (0.0 if c.from_rest else r) for c, r in zip(compared, rest, strict=True)]
     )

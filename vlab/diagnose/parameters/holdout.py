@@ -8,7 +8,7 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.cases.channel_map import Run
 from vlab.cases.clock import plan_clock
-from vlab.diagnose.data.repeats import repeats, with_repeats
+from vlab.diagnose.data.repeats import with_repeats
 from vlab.diagnose.settings import RECORDED_RUNS
 from vlab.errors import BadCase
 
@@ -79,7 +79,10 @@ def read_holdout(case: Case, names: Sequence[str], fitted: Sequence[Run] = ()) -
         absent = [name for name in names if name not in run.measured.names]
         if absent:
             notes.append(f"{run.name} lacks {', '.join(absent)}; it is checked on its other channels")
-    repeated = {run.name: same for run in runs if (same := next((f.name for f in fitted if repeats(run, f)), ""))}
+    held_out = with_repeats(runs, fitted)
+    names_of = {id(f.measured): f.name for f in fitted}
+    of_fitted = {run.name: [names_of[id(m)] for m in run.repeats if id(m) in names_of] for run in held_out}
+    repeated = {name: same[0] for name, same in of_fitted.items() if same}
     notes += [
         f"{name} repeats the inputs of {same}, which is fitted: it verifies the noise, not another motion"
         for name, same in repeated.items()
@@ -87,7 +90,7 @@ def read_holdout(case: Case, names: Sequence[str], fitted: Sequence[Run] = ()) -
     if not runs:
         notes.append("no hold-out recording: nothing could be verified on data that the search did not use")
     return HoldOut(
-        runs=with_repeats(runs, fitted),
+        runs=held_out,
         notes=(*notes, *_unused(case)),
         is_new=len(repeated) < len(runs),
     )

@@ -11,13 +11,13 @@ from vlab.cases.channel_map import Compared, Law, Run
 from vlab.cases.clock import plan_clock
 from vlab.cases.initial_state import replayed_commands
 from vlab.cases.replay import bench_for
-from vlab.diagnose.data.band import fastest, uniform
+from vlab.diagnose.data.band import fastest
 from vlab.diagnose.data.repeats import with_repeats
 from vlab.diagnose.parameters.observation import within_limits
 from vlab.diagnose.settings import RECORDED_RUNS
 from vlab.errors import BadCase
 from vlab.plants.base import Plant
-from vlab.signals import ORDER, Array
+from vlab.signals import ORDER, Array, sample_period
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,7 +56,7 @@ class RecordedRuns:
     def highest_hz(self) -> float:
         """Frequency below which nearly all recorded velocity power lies [Hz]."""
         data = [(np.column_stack([run.measured[name] for name in self.names]), run.measured.time) for run in self.runs]
-        return max(fastest(y, uniform(time), self.orders) for y, time in data)
+        return max(fastest(y, sample_period(time), self.orders) for y, time in data)
 
     def step(self, plant: Plant) -> float:
         """Return the shortest integration step over the runs [s]."""

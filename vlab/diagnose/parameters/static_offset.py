@@ -4,11 +4,13 @@ Offsets of many times the motion are subtracted first, since filters and windows
 are parameters of every fit (`vlab.diagnose.inference.sensor_offset`).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vlab.cases.case import Case
+from vlab.cases.description import ChannelTable, RecordingTable
 from vlab.diagnose.parameters.observation import channel_rows
 from vlab.diagnose.parameters.recorded_runs import read_runs
 from vlab.diagnose.settings import LOCATIONS, STATIC_OFFSET
@@ -99,12 +101,11 @@ def _static_offset(columns: list[Array]) -> float:
 def _corrected(case: Case, found: list[StaticOffset]) -> Case:
     """Return a case with offsets in its channel tables."""
     by_name = {s.channel: s.value for s in found}
-    tables = []
-    for table in case.table.recording:
-        channels = []
+
+    def corrected(table: RecordingTable) -> Iterator[ChannelTable]:
         for channel, name in zip(table.channel, table.channel_names, strict=True):
             value = by_name.get(name, 0.0)
             factor = channel.spec().channel_and_factor()[1]
-            channels.append(replace(channel, offset=channel.offset + value / factor) if value else channel)
-        tables.append(replace(table, channel=tuple(channels)))
-    return replace(case, table=replace(case.table, recording=tuple(tables)))
+            yield replace(channel, offset=channel.offset + value / factor) if value else channel
+
+    return case.with_channels(corrected)

@@ -212,7 +212,7 @@ def _diverged(path: Path | str, allow_outside: bool, why: str) -> Precheck:
 def _channels(compared: RunComparison) -> list[ChannelCheck]:
     run = compared.run
     measured = run.measured
-    period = float(np.median(np.diff(measured.time)))
+    period = measured.sample_period
     out = []
     for drive in run.drives:
         values = measured[drive.channel]

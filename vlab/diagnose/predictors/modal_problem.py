@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from vlab.cases.case import Case
-from vlab.diagnose.data.band import uniform
 from vlab.diagnose.data.mains_interference import find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.runs import Feedthrough, signals_of
 from vlab.diagnose.parameters.locations import Place, places_of
@@ -55,7 +54,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     """
     recorded, plant = read_runs(case, roles), case.plant
     rows = channel_rows(plant, recorded.channels)
-    rate = min(1 / uniform(run.measured.time) for run in recorded.runs)
+    rate = min(1 / run.measured.sample_period for run in recorded.runs)
     modes = kept_modes(plant.linearise(), rows, recorded.highest_hz, rate)
     if not modes.kept.any():
         raise BadCase(

@@ -9,7 +9,6 @@ from scipy.interpolate import make_smoothing_spline
 from vlab.cases.channel_map import Run
 from vlab.cases.initial_state import begins_at_rest, joint_of
 from vlab.cases.linear_start import exponentials
-from vlab.diagnose.data.band import uniform
 from vlab.diagnose.data.noise import known_noise, noise_level, uneven_noise
 from vlab.diagnose.data.quality import is_informative, on_clock
 from vlab.diagnose.data.runs import liveliest, on_grid
@@ -17,7 +16,7 @@ from vlab.diagnose.predictors.actuator_states import actuator_states
 from vlab.diagnose.predictors.step_jacobian import Stepper
 from vlab.diagnose.settings import TRAJECTORY_DATA
 from vlab.errors import Diverged
-from vlab.signals import Array
+from vlab.signals import Array, sample_period
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,7 +103,7 @@ def read_trajectory_data(
         Run.
     """
     time = run.measured.time - run.measured.time[0]
-    h = uniform(time)
+    h = sample_period(time)
     is_even = bool(np.ptp(np.diff(time)) < 1e-3 * h)
     columns = [
         run.measured[c.channel] + (r if c.from_rest else 0.0) for c, r in zip(stepper.channels, rest, strict=True)

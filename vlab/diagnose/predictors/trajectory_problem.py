@@ -9,7 +9,6 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.cases.channel_map import Compared
 from vlab.cases.replay import Bench
-from vlab.diagnose.data.band import uniform
 from vlab.diagnose.data.mains_interference import MainsInterference, find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.runs import Signals, thinning
 from vlab.diagnose.kernels.parallel import side_by_side
@@ -199,7 +198,7 @@ def _trajectories(
             rest,
             len(plant.actuators),
             recorded.load_ports,
-            thinning(longest, uniform(run.measured.time), recorded.highest_hz, TRAJECTORY_DATA.most_samples),
+            thinning(longest, run.measured.sample_period, recorded.highest_hz, TRAJECTORY_DATA.most_samples),
             recorded_commands(plant, run),
         )
         for run in recorded.runs

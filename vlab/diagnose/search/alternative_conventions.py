@@ -77,10 +77,9 @@ def list_conventions(problem: Problem, stated: Case | None = None) -> list[Alter
 
 
 def _begun_in_motion(case: Case) -> Case:
-    tables = tuple(
+    return case.with_recordings(
         replace(t, initial="estimated") if t.initial == "auto" and not t.qpos else t for t in case.table.recording
     )
-    return replace(case, table=replace(case.table, recording=tables))
 
 
 def choose_convention(

@@ -181,7 +181,7 @@ def with_decided_hold(case: Case, hold: Hold, stated: Case) -> Case:
         is_open = {c.column for c in own.channel if c.input and not c.hold}
         channels = tuple(replace(c, hold=hold) if c.input and c.column in is_open else c for c in table.channel)
         tables.append(replace(table, channel=channels))
-    return replace(case, table=replace(case.table, recording=tuple(tables)))
+    return case.with_recordings(tables)
 
 
 def describe_hold(hold: Hold) -> str:
@@ -290,7 +290,7 @@ def _with_inputs_of(problem: Problem, signals: Sequence[Signals]) -> list[Signal
 
 def _half_step(problem: Problem) -> float:
     """Return half the shorter of integration step and sample [s]."""
-    return 0.5 * min(problem.plant.timestep, *(float(np.median(np.diff(run.measured.time))) for run in problem.runs))
+    return 0.5 * min(problem.plant.timestep, *(run.measured.sample_period for run in problem.runs))
 
 
 def _skewable(problem: Problem) -> list[int]:
@@ -311,12 +311,12 @@ def _skewable(problem: Problem) -> list[int]:
 
 def _skewed(case: Case, seconds: float) -> Case:
     """Return a case with a time skew."""
-    tables = []
-    for table in case.table.recording:
-        own = [c for c in table.channel if not c.input and ORDER.get(c.kind, 0) != 1]
-        channels = tuple(replace(c, delay_s=-seconds) if c in own else c for c in table.channel)
-        tables.append(replace(table, channel=channels))
-    return replace(case, table=replace(case.table, recording=tuple(tables)))
+
+    def moved(channel: ChannelTable) -> ChannelTable:
+        is_skewed = not channel.input and ORDER.get(channel.kind, 0) != 1
+        return replace(channel, delay_s=-seconds) if is_skewed else channel
+
+    return case.with_channels(lambda table: map(moved, table.channel))
 
 
 def _shows(problem: Problem) -> bool:
@@ -360,11 +360,7 @@ def with_hold(case: Case, hold: Hold) -> Case:
     Case
         Case with the hold.
     """
-    tables = [
-        replace(table, channel=tuple(_with(channel, hold) for channel in table.channel))
-        for table in case.table.recording
-    ]
-    return replace(case, table=replace(case.table, recording=tuple(tables)))
+    return case.with_channels(lambda table: (_with(channel, hold) for channel in table.channel))
 
 
 def _with(channel: ChannelTable, hold: Hold) -> ChannelTable:

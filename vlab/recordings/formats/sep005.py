@@ -20,7 +20,7 @@ from vlab.files.text import one_line
 from vlab.recordings.assemble import ColumnSpec, own_si
 from vlab.recordings.formats.variables import to_float
 from vlab.recordings.table import not_finite
-from vlab.signals import KIND_UNITS, Channel, Recording
+from vlab.signals import KIND_UNITS, Channel, Recording, sample_period
 
 _PROHIBITED = "timestamp"
 _STRAIN = ("strain", "e")
@@ -151,7 +151,7 @@ def _time(entry: Mapping[str, Any], name: str, count: int) -> NDArray[Any]:
         return np.arange(count) / float(rate)  # type: ignore[arg-type]
     time = _array(entry["time"], f"{where}: time")
     if rate is not None and time.size > 1:
-        step = float(np.median(np.diff(time)))
+        step = sample_period(time)
         if abs(step * float(rate) - 1) > 1e-3:
             raise BadRecording(f"SEP005: {where}: fs is {rate:g} Hz, the time stamps are {step:g} s apart")
     return time
