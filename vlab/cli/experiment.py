@@ -45,6 +45,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --plan: allow laws and effects of this Python file (or entry:NAME); runs its code and no other code of "
         "the plan; may be repeated (default: none)",
     )
+    _add_plant_and_law(parser, default)
+    _add_excitation(parser, default)
+    _add_loop(parser, default)
+    _add_effects_and_hardware(parser, default)
+    _add_outputs(parser)
+
+
+def _add_plant_and_law(parser: argparse.ArgumentParser, default: RunSettings) -> None:
+    """Add the arguments of the plant and its control law."""
     parser.add_argument(
         "--plant",
         default=default.plant,
@@ -67,6 +76,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=default.model,
         help=f"design the law again on this model: {', '.join(MODELS)} (default: that of the published design)",
     )
+
+
+def _add_excitation(parser: argparse.ArgumentParser, default: RunSettings) -> None:
+    """Add the arguments of the excitation."""
     parser.add_argument(
         "--excite",
         default=default.excite,
@@ -102,6 +115,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         const=True,
         help="multisine: excite odd lines only, with detection lines between them (default: all lines)",
     )
+
+
+def _add_loop(parser: argparse.ArgumentParser, default: RunSettings) -> None:
+    """Add duration, rate, seed and noise."""
     parser.add_argument(
         "--seconds",
         type=float,
@@ -115,6 +132,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=default.noise,
         help="add noise of this rms in m/s to the velocity sensors (default 0)",
     )
+
+
+def _add_effects_and_hardware(parser: argparse.ArgumentParser, default: RunSettings) -> None:
+    """Add the arguments of hidden effects and hardware."""
     parser.add_argument(
         "--effect",
         action="append",
@@ -140,6 +161,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ORDER",
         help=f"power up in this order, without interlock and with its faults; correct: {','.join(ORDER)} (default: interlocked)",
     )
+
+
+def _add_outputs(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of files and views."""
     parser.add_argument("--csv", action="store_true", help="write recording.csv, too (default: no)")
     parser.add_argument(
         "--report", action="store_true", help="write report.html, too; takes some seconds (default: no)"
@@ -186,28 +211,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if arguments.pace is not None and arguments.live is None:
         raise BadExperiment("--pace is for --live; without it a run goes as fast as it is computed")
     check_out(arguments, read=[arguments.structure, arguments.hardware, file_of(arguments.law or "")])
-    settings = RunSettings(
-        structure=arguments.structure,
-        plant=arguments.plant,
-        variant=arguments.variant,
-        law=arguments.law or "",
-        model=arguments.model,
-        excite=arguments.excite,
-        at=arguments.at,
-        level=arguments.level,
-        low_hz=arguments.band[0] if arguments.band else None,
-        high_hz=arguments.band[1] if arguments.band else None,
-        period_s=arguments.period,
-        odd=arguments.odd,
-        seconds=RunSettings.seconds if arguments.seconds is None else arguments.seconds,
-        rate_hz=arguments.rate,
-        seed=arguments.seed,
-        noise=arguments.noise,
-        hardware=arguments.hardware,
-        hardware_values=tuple(arguments.set),
-        effect=tuple(arguments.effect),
-        power_up=arguments.power_up,
-    )
+    settings = _settings(arguments)
     fitting = Suited(settings=settings)
     if arguments.seconds is None:
         fitting = suited(settings)
@@ -262,6 +266,32 @@ def run(arguments: argparse.Namespace) -> Outcome:
         f"written to {out}: {', '.join(files)}   (vlab show {out})"
     )
     return Outcome(document=document, text=text)
+
+
+def _settings(arguments: argparse.Namespace) -> RunSettings:
+    """Return the settings that the arguments state."""
+    return RunSettings(
+        structure=arguments.structure,
+        plant=arguments.plant,
+        variant=arguments.variant,
+        law=arguments.law or "",
+        model=arguments.model,
+        excite=arguments.excite,
+        at=arguments.at,
+        level=arguments.level,
+        low_hz=arguments.band[0] if arguments.band else None,
+        high_hz=arguments.band[1] if arguments.band else None,
+        period_s=arguments.period,
+        odd=arguments.odd,
+        seconds=RunSettings.seconds if arguments.seconds is None else arguments.seconds,
+        rate_hz=arguments.rate,
+        seed=arguments.seed,
+        noise=arguments.noise,
+        hardware=arguments.hardware,
+        hardware_values=tuple(arguments.set),
+        effect=tuple(arguments.effect),
+        power_up=arguments.power_up,
+    )
 
 
 def _applied(attached: Attached) -> str:

@@ -57,6 +57,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rate", type=float, help="set the sample rate in Hz of a foreign recording without a time column"
     )
+    _add_estimate(parser)
+    parser.add_argument(
+        "--against-plant",
+        action="store_true",
+        help="run folders: compare with the linearised modes of the plant, within 0.1 %% of frequency, 5 %% of damping and "
+        "a MAC of 0.98; exit status 1 if a mode is missed (default: no)",
+    )
+    add_out(parser, "report, figures and responses to this folder (default: print only)")
+
+
+def _add_estimate(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the estimate."""
     parser.add_argument(
         "--signal",
         choices=KINDS,
@@ -99,13 +111,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="set the exponential window of a hammer block to this value at its end, 1 for no window (default %(default)s); "
         "the added damping is removed",
     )
-    parser.add_argument(
-        "--against-plant",
-        action="store_true",
-        help="run folders: compare with the linearised modes of the plant, within 0.1 %% of frequency, 5 %% of damping and "
-        "a MAC of 0.98; exit status 1 if a mode is missed (default: no)",
-    )
-    add_out(parser, "report, figures and responses to this folder (default: print only)")
 
 
 def run(arguments: argparse.Namespace) -> Outcome:
