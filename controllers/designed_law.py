@@ -39,7 +39,7 @@ class Design(Protocol):
 
     @property
     def search(self) -> Search | None:
-        """Report of the search for the gains; None for a law in closed form."""
+        """Report of the search; None for a law in closed form."""
 
     def gains(self) -> dict[str, Any]:
         """Return gains, channels and unit as plain data."""

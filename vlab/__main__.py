@@ -1,4 +1,4 @@
-"""``python -m vlab`` and the command ``vlab``: the command line, guarded from its first import on."""
+"""Guarded entry point of ``vlab`` and ``python -m vlab``."""
 
 import os
 import sys

@@ -80,7 +80,7 @@ class Channel:
 
 
 def _frozen(array: Any, dtype: Any) -> Any:
-    """Return a read-only array, without a copy of a read-only owner of its memory."""
+    """Return a read-only array, without a copy where possible."""
     if isinstance(array, np.ndarray) and array.dtype == dtype and array.flags.owndata and not array.flags.writeable:
         return array
     out = np.array(array, dtype=dtype)
@@ -165,7 +165,7 @@ class Recording:
         return f"<Recording: {len(self)} samples, {self.time[-1] - self.time[0]:.4g} s, {names}>"
 
     def to_pandas(self) -> Any:
-        """Return the channels as a pandas data frame over time [s], NaN without a reading.
+        """Return a pandas data frame over time [s], NaN without a reading.
 
         Raises
         ------

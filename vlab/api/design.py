@@ -1,4 +1,4 @@
-"""Design of a control law on a structure, or judgement of a finished one."""
+"""Design or judgement of a control law on a structure."""
 
 import json
 import time

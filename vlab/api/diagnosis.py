@@ -132,7 +132,9 @@ class Diagnosis:
         return path
 
     def save(self, folder: Path | str, *, overwrite: bool = False) -> Path:
-        """Write what ``vlab diagnose --out`` writes: JSON, report, Rerun file, extended model with its case.
+        """Write the output folder of ``vlab diagnose``.
+
+        The folder holds JSON, report, Rerun file and the extended model with its case.
 
         Parameters
         ----------

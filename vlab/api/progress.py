@@ -1,4 +1,4 @@
-"""Progress of long work: a bar on the terminal, or a function of the caller."""
+"""Progress of long work, for a terminal or a caller."""
 
 import sys
 from collections.abc import Callable, Iterator

@@ -39,7 +39,7 @@ class Stepping:
 
 
 def cpu_times(ours: Callable[[], Any], peer: Callable[[], Any], runs: int) -> tuple[float, float, float]:
-    """Return the CPU times of two works and their ratio, medians over all turns.
+    """Return the median CPU times of two works, and their ratio.
 
     The works take turns, so a slow phase of the machine meets both.
 
@@ -66,7 +66,7 @@ def cpu_times(ours: Callable[[], Any], peer: Callable[[], Any], runs: int) -> tu
 
 
 def stepping_times(*, progress: Callable[[str], None] = lambda text: None) -> Iterator[Stepping]:
-    """Time an experiment with a linear law beside bare steps of the same plant.
+    """Time an experiment beside bare steps of its plant.
 
     The experiment includes excitation, sensors, law, delay, filter and recording.
 
@@ -136,7 +136,10 @@ def linear_times(*, progress: Callable[[str], None] = lambda text: None) -> Iter
 
 
 def _bare(plant: Plant, steps: int) -> None:
-    """Step a swinging plant without input; at rest, sines and products of zero are cheaper."""
+    """Step a swinging plant without input.
+
+    At rest, sines and products of zero are cheaper.
+    """
     data = plant.new_data()
     data.qvel[:] = SWING
     mujoco.mj_step(plant.model, data, nstep=steps)

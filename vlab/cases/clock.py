@@ -1,4 +1,4 @@
-"""Sample times of a replay: integration steps that meet the time stamps of a recording."""
+"""Integration steps of a replay that meet the recorded time stamps."""
 
 from dataclasses import dataclass
 

@@ -123,7 +123,7 @@ class Comparison:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks beside the residuals: short forms, constant channels, clocks and blank cells, file findings."""
+        """Remarks beside the residuals, such as constant channels and blank cells."""
         still = [
             f"{run.run.name}: {name} is {run.measured[name][0]:g} {run.measured.channels[run.measured.index(name)].unit} throughout: "
             "nothing can be measured against it"

@@ -55,7 +55,7 @@ class Given:
 
 
 def read_model(model: Any) -> tuple[dict[str, Any], Plant | None, Path]:
-    """Return the ``[model]`` table of a model, its plant and the folder of its files.
+    """Return the ``[model]`` table, the plant and the folder of files.
 
     Parameters
     ----------
@@ -364,7 +364,7 @@ def _with_roles(
 
 
 def _split(recording: Mapping[str, Any], table: Table, share: float) -> list[dict[str, Any]]:
-    """Return the first part of a run to fit, and the rest held out."""
+    """Split a run into a fitted part and the held-out rest."""
     time = table[recording["time"]]
     first = min(max(round((1.0 - share) * time.size), 2), time.size - 2)
     if first < 2:

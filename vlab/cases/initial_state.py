@@ -194,7 +194,7 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
 
 
 def _stated(rest: State, start: tuple[Array, Array]) -> InitialState:
-    """Return the state that a case states; states of added effects begin at rest."""
+    """Return the stated initial state; added effects begin at rest."""
     qpos, qvel = rest.qpos.copy(), rest.qvel.copy()
     qpos[: len(start[0])], qvel[: len(start[1])] = start
     return InitialState(qpos=qpos, qvel=qvel, how="stated")

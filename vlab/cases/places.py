@@ -139,7 +139,7 @@ def _words(name: str) -> list[str]:
 
 
 def _named(column: str, names: Sequence[str]) -> str | None:
-    """Return the name whose words follow each other in a column's name; the longest counts.
+    """Return the longest name whose words stand in a column's name.
 
     Where no whole name is found, names count without their generic words.
     """

@@ -90,7 +90,7 @@ def refine(problem: StartProblem, x: Array, left: Array, offset: Array) -> tuple
 
 
 def _first_slopes(problem: StartProblem, x: Array, left: Array, offset: Array) -> tuple[Array, bool]:
-    """Return a Jacobian of the residual, and whether it is that of the model itself."""
+    """Return a Jacobian of the residual, and whether it is exact."""
     plant = problem.bench.plant
     if plant.physics:
         bare = bench_for(replace(plant, physics=()), problem.run)
@@ -102,7 +102,7 @@ def _first_slopes(problem: StartProblem, x: Array, left: Array, offset: Array) -
 
 
 def _slopes(problem: StartProblem, x: Array, left: Array, offset: Array, bench: Bench) -> Array:
-    """Return the Jacobian of the residual on a bench by finite differences, (n_residuals, n_states)."""
+    """Return the residual's Jacobian by finite differences, (n_residuals, n_states)."""
     step = 1e-4 * max(float(np.abs(x).max()), 1e-9 if problem.origin is None else 0.1)
     moved = x + step * np.eye(x.size)
     return np.column_stack([(window_residual(problem, point, offset, bench) - left) / step for point in moved])

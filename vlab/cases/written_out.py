@@ -263,7 +263,7 @@ class _Writer:
             yield part
 
     def unchosen(self, one: Mapping[str, Any], data: DataSet | None, key: str) -> list[int] | None:
-        """Return all episodes of a recording that names none; None for one without episodes."""
+        """Return all episodes of a recording; None without episodes to choose."""
         where = one.get("where", "")
         if isinstance(where, str) and EPISODE in where:
             return None

@@ -1,4 +1,6 @@
-"""Control laws, one per file. They know nothing of the simulator: `step` takes samples and gives commands.
+"""Control laws, one per file.
+
+No law knows the simulator: `step` takes samples and gives commands.
 
 A law is any object of the form `Controller`; `vlab experiment` puts it into the loop, and the same object runs outside.
 

@@ -217,12 +217,12 @@ class Diagnosis:
 
     @property
     def explained(self) -> float | None:
-        """Share of the mismatch that the findings explain; None without findings or without any mismatch."""
+        """Explained share of the mismatch; None without findings or mismatch."""
         return explained_share(self.checked) if self.is_naming else None
 
     @property
     def is_complete(self) -> bool:
-        """Whether the residual of the reported model is within noise and stated model error."""
+        """Whether the residual is within noise and stated model error."""
         return self.verdict in ("missing-physics", "nothing-missing") and self.residual_is_small
 
     @property

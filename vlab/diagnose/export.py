@@ -145,7 +145,7 @@ def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
 def _for_mujoco(
     done: Done, effects: Sequence[Attached], earlier: Sequence[Attached], theta: Array, folder: Path
 ) -> tuple[StandaloneAnswer | None, str]:
-    """Write the answer for plain MuJoCo and return it, with the reason of a failure."""
+    """Write the answer for plain MuJoCo, or return the failure's reason."""
     case = done.problem.case
     plant = _calibrated_plant(done, effects, theta)
     if case.structure is not None or not isinstance(plant, MjcfPlant):

@@ -25,7 +25,7 @@ TOLD: tuple[Verdict, ...] = ("missing-physics", "nothing-missing")
 
 
 class Reportable(Protocol):
-    """Parts of an inverse problem, in time or in frequency, that findings are named by."""
+    """Parts of an inverse problem that name findings."""
 
     @property
     def case(self) -> Case:
@@ -109,7 +109,7 @@ def _delays_all_inputs(term: Term, problem: Reportable) -> bool:
 
 
 def _interval(parameter: Parameter, value: float, spread: float) -> tuple[float, float]:
-    """Return the 90 % interval of a value from the spread of its entry."""
+    """Return a value's 90 % interval from its entry's spread."""
     if parameter.signed:
         return value - spread, value + spread
     if is_logarithm(parameter):

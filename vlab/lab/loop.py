@@ -1,4 +1,4 @@
-"""Control loop of an experiment: sampling, law and forces between the halves of MuJoCo's steps.
+"""Control loop of an experiment, between the halves of MuJoCo's steps.
 
 A linear law without attached effects runs in one compiled function, `vlab.lab.compiled_loop`. Any other loop runs in
 MuJoCo's control callback, in Python.

@@ -62,7 +62,7 @@ class Suited:
 
     @property
     def words(self) -> str:
-        """Reason of the duration in one sentence; empty if nothing follows from the plant."""
+        """Reason of the duration; empty if nothing follows from the plant."""
         if not np.isfinite(self.tau_s):
             return ""
         return (
@@ -198,7 +198,7 @@ def _random_travel(modes: _Receptance, settings: RunSettings) -> float:
 
 
 def _sine_travel(modes: _Receptance, settings: RunSettings) -> float:
-    """Return the largest travel under a unit sine at the resonance of one mode [m/N]."""
+    """Return the largest travel under a unit resonant sine [m/N]."""
     return float(np.abs(modes.gain / (2 * modes.zeta * modes.omega**2)).max())
 
 

@@ -1,4 +1,4 @@
-"""Evaluation of a dwell: shape and purity of the held mode, and its decay."""
+"""Evaluation of a dwell: shape, purity and decay of a mode."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Modal data without a recorded input: free decays, and vibration under unknown broadband forces.
+"""Modal data of free decays and of vibration under unknown forces.
 
 A free decay is a sum of decaying exponentials, so its Laplace transform consists of partial fractions with the poles of
 the structure. Correlations of stationary outputs under white forces are such sums over positive lags, too [1]_. Both are
@@ -189,7 +189,7 @@ def _correlations(y: Array, length: int) -> Array:
 
 
 def _last_line(H: ComplexArray) -> int:
-    """Return the number of the last line of the band, above the highest peak."""
+    """Return the band's last line, above the highest peak."""
     each = np.sum(np.abs(H) ** 2, axis=2)
     power = np.sum(each / np.maximum(each.max(axis=0), np.finfo(float).tiny), axis=1)
     lines = np.arange(1, len(power))

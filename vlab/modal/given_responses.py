@@ -1,4 +1,4 @@
-"""Given frequency responses: checks, SI units and choice of channels, before a modal test."""
+"""Given frequency responses: checks, SI units and choice of channels."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Effects between command and force that act in time: slew limits, delays, lags, holds."""
+"""Effects between command and force with memory: slew limits, delays, lags."""
 
 from collections import deque
 from typing import Any, ClassVar

@@ -146,7 +146,7 @@ def _weighted_quantiles() -> Array:
 
 
 def trial_values(effect: Effect) -> dict[str, float]:
-    """Return parameter values of order one in units of a motion of amplitude one."""
+    """Return parameter values of order one for unit motion."""
     return {p.name: p.grid[len(p.grid) // 2] if p.grid else 1.0 for p in effect.parameters}
 
 
@@ -228,7 +228,7 @@ def _has_describing_function(law: type[Effect]) -> bool:
 
 
 def _is_calm(effect: Effect, values: Values) -> bool:
-    """Return whether a law does nothing at rest, and the same at all times."""
+    """Return whether a law is idle at rest and time-invariant."""
     if isinstance(effect, PortEffect):
         late = 50.0
         still, _ = effect.force(0.0, 0.0, values, Step(0.01, late, INSTANT), effect.memory(()))

@@ -80,7 +80,7 @@ def register_family(family: Family) -> None:
 
 
 def separating_measurement(names: Collection[str]) -> str:
-    """Return the measurement that separates two of some families, or effects within the only one.
+    """Return the measurement that separates families, or effects within one.
 
     Parameters
     ----------

@@ -114,7 +114,7 @@ def servo_of(plant: Plant, index: int) -> Servo | None:
 
 
 def _of_span(model: Any, control: int, quantity: str) -> float:
-    """Return the armature or damping of an actuator's joint or tendon, along the actuator's length."""
+    """Return the armature or damping along an actuator's length."""
     spanned = int(model.actuator_trnid[control, 0])
     if model.actuator_trntype[control] == mujoco.mjtTrn.mjTRN_JOINT:
         value = getattr(model, f"dof_{quantity}")[model.jnt_dofadr[spanned]]

@@ -1,4 +1,4 @@
-"""FE modes in a plant with a coarser mesh: frequencies and shapes at transducers.
+"""FE modes in a plant with a coarser mesh.
 
 A coarse mesh has nearly the same modes. Close modes rotate into each other, frequencies are off by one part in a
 thousand, and deflections at coils and sensors by some per cent. An added stiffness corrects rotation and frequencies. A

@@ -376,7 +376,7 @@ class GrillageBuilder:
 
 
 def _shear_ratio(section: Section, length: float) -> float:
-    """Return Phi = 12 EI/(GA L^2), zero for a beam that is rigid in shear."""
+    """Return Phi = 12 EI/(GA L^2), zero for rigid shear."""
     return 12 * section.bending_stiffness / (section.shear_stiffness * length**2) if section.shear_stiffness else 0.0
 
 

@@ -1,4 +1,4 @@
-"""Folders of recordings: LeRobot data sets (versions 2 and 3) and ROS 2 bags.
+"""Folders of recordings: LeRobot data sets and ROS 2 bags.
 
 A LeRobot data set describes itself in ``meta/info.json``: the features with the names of their elements, and the files
 of the episodes. Version 2 has a file for each episode, version 3 has several episodes in a file and lists them in
@@ -264,7 +264,7 @@ def bag_file(folder: Path) -> str:
 
 
 def open_any(path: Path, episode: int = 0) -> tuple[Table, dict[str, str]]:
-    """Open a recording, an episode of a data set or the log of a bag.
+    """Open a recording, a data set's episode or a bag's log.
 
     Parameters
     ----------

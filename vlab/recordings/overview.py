@@ -199,7 +199,7 @@ def _guess(kind: str, values: Array) -> str:
 
 
 def _rate(times: Array, unit: str) -> float | None:
-    """Return the sample rate of times [Hz], in their unit or in the guessed one."""
+    """Return the sample rate of times [Hz], in stated or guessed unit."""
     if times.size < 2 or not np.all(np.diff(times) > 0):
         return None
     said = unit or _guess("time", times)

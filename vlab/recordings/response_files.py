@@ -257,7 +257,7 @@ def _taken(table: Table, kind: str) -> str:
 
 
 def _phase_unit(table: Table, phase: str) -> str:
-    """Return the unit of phases; degrees where the file states none and radians are excluded."""
+    """Return the stated unit of phases, or degrees if radians are excluded."""
     if not phase or table.units.get(phase):
         return table.units.get(phase, "") or "deg"
     if np.abs(table.real(phase)).max() <= 2 * np.pi:

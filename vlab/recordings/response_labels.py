@@ -1,4 +1,4 @@
-"""Labels of frequency responses, from a file's header or from the names of columns."""
+"""Labels of frequency responses, from headers or column names."""
 
 import re
 from collections.abc import Iterable, Mapping

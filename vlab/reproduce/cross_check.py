@@ -189,7 +189,7 @@ def cross_check(
 
 
 def check_plant(plant: Plant, fe: FeModel, modes: Array, *, seconds: float = FREE_RUN_S) -> PlantCheck:
-    """Pair the modes of a plant with those of the FE model by MAC.
+    """Pair a plant's modes with the FE model's by MAC.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Law module of a model: laws, places, values and the part that runs them."""
+"""Law module of a model: laws, places, values, running part."""
 
 import pprint
 from collections.abc import Sequence
@@ -170,7 +170,7 @@ _WORDS = {
 
 
 def _quoted(text: str) -> str:
-    """Return a text that cannot end a docstring; names come from the user's files."""
+    """Return a text that cannot end a docstring."""
     return one_line(text).replace("\\", "/").replace('"', "'")
 
 

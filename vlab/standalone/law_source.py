@@ -167,7 +167,7 @@ def _function(value: Any) -> types.FunctionType | None:
 
 
 class _Plain(ast.NodeTransformer):
-    """Takes annotations off a function, and all but the first paragraph of its docstring."""
+    """Removal of annotations and of all but a docstring's first paragraph."""
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
         self.generic_visit(node)

@@ -300,7 +300,7 @@ def _before(nominal: Any, i: int, attribute: str) -> str:
 
 
 def _shortcut(element: Element, i: int, wanted: Any, changed: set[str]) -> dict[str, str | None] | None:
-    """Return the attributes of a servo's shortcut; None if they cannot say the change."""
+    """Return the attributes of a servo's shortcut, or None."""
     gain, bias = wanted.actuator_gainprm[i], wanted.actuator_biasprm[i]
     if changed - {"actuator_gainprm", "actuator_biasprm"} or np.any(gain[1:]) or np.any(bias[3:]) or bias[0] != 0:
         return None

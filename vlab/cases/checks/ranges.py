@@ -1,4 +1,4 @@
-"""Angles that contradict the ranges of the model, as degrees read as radians do.
+"""Angles beyond the ranges of the model, such as degrees for radians.
 
 A joint cannot leave its range by far, and a command lies within the range of its actuator. Numbers that leave the range
 in the stated unit and stay inside in the other unit of angle are in that other unit. The check needs no simulation.
@@ -79,7 +79,7 @@ def is_inside(values: Array, limits: tuple[float, float]) -> bool:
 
 
 def limits_of(plant: Plant, at: str, kind: str, *, is_input: bool) -> tuple[float, float] | None:
-    """Return the range of a hinge or of a position servo on a hinge [rad].
+    """Return the range of a hinge or its position servo [rad].
 
     Parameters
     ----------

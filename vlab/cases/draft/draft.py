@@ -170,7 +170,7 @@ def _confirmed(
 
 
 def _alike(logs: Sequence[Log], clock: LogClock, used: Sequence[Match]) -> tuple[list[Log], list[str]]:
-    """Return the logs with all columns of the first, and remarks on the others."""
+    """Return the logs like the first, and remarks on the others."""
     wanted = [match.label for match in used] + ([clock.time] if clock.time is not None else [])
     kept, aside = [], []
     for log in logs:

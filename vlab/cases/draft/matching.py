@@ -302,7 +302,7 @@ class _Matcher:
     # ---- several columns --------------------------------------------------------------------------------------------
 
     def tell_commands(self) -> None:
-        """Make the earlier of two positions of a joint the command of its servo."""
+        """Make the earlier of two joint positions the servo's command."""
         driven = {match.at for match in self.candidates if match.is_input}
         for joint in joints_of(self.plant):
             servos = [a for a in actuators_of(self.plant, joint) if feedback_of(self.plant, a) == "position"]

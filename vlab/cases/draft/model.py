@@ -1,4 +1,4 @@
-"""Model of a draft: its file, its uncertain numbers, and names that it lacks."""
+"""Model of a draft: file, uncertain numbers, missing names."""
 
 import os
 from collections.abc import Sequence
@@ -155,7 +155,7 @@ def uncertain_kinds(plant: Plant) -> dict[str, tuple[float, str]]:
 
 
 def missing_names(model: Any) -> list[str]:
-    """Return hints on joints and actuators without a name, which no case can refer to.
+    """Return hints on joints and actuators without a name.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ def without_decays(x: Array) -> Array:
 
 
 def _left(x: Array, subspace: Array) -> Array:
-    """Return what the decays of a subspace (window, order) leave of a signal (n,)."""
+    """Return a signal (n,) without the decays of a subspace (window, order)."""
     poles = np.linalg.eigvals(np.linalg.lstsq(subspace[:-1], subspace[1:])[0])
     poles = poles[np.abs(poles) > 0]
     poles = poles / np.maximum(np.abs(poles), 1.0)  # a transient does not grow
@@ -57,5 +57,5 @@ def _left(x: Array, subspace: Array) -> Array:
 
 
 def _step(n: int) -> int:
-    """Return the step between the samples of a long signal that enter the fit."""
+    """Return the step between fitted samples of a long signal."""
     return max(1, n // NOISE.most_samples)

@@ -1,4 +1,4 @@
-"""Local rational method: the part of a spectrum that inputs and motion leave unexplained.
+"""Local rational method for the unexplained part of a spectrum.
 
 In every narrow band the spectrum R of a signal is
 

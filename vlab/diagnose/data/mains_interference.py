@@ -1,4 +1,4 @@
-"""Mains interference: lines at 50 or 60 Hz and their multiples, estimated without a model.
+"""Mains interference at 50 or 60 Hz and multiples, without a model.
 
 Interference has a steady amplitude, a free phase in every recording and no counterpart in an input. Small lines are
 subtracted before the search and count as noise in the verdict. Large lines are an effect, `mains-hum`, whose amplitude
@@ -77,7 +77,7 @@ class MainsInterference:
         return f"{self.channel}: mains interference at {lines} Hz, {100 * self.share:.2g} % of its rms; removed before the search"
 
     def expected(self, run: Run) -> Array:
-        """Return the interference (n,) of a run, scaled to the rms over all recordings.
+        """Return a run's interference (n,), scaled to the overall rms.
 
         Only the phases come from the run's own samples.
         """
@@ -201,7 +201,7 @@ def _sized(interference: MainsInterference, runs: Sequence[Run]) -> MainsInterfe
 
 
 def _line(run: Run, channel: str, nominal: float) -> float | None:
-    """Return the frequency [Hz] of a steady undriven line near a nominal one, or None."""
+    """Return the frequency [Hz] of a steady undriven line, or None."""
     time, values = run.measured.time - run.measured.time[0], run.measured[channel]
     h = sample_period(time)
     if nominal > INTERFERENCE.highest / h or time[-1] * nominal < INTERFERENCE.least_cycles or np.ptp(values) == 0.0:

@@ -1,4 +1,6 @@
-"""White level of one recorded channel, from its spectrum, its innovations or neighbouring samples.
+"""White noise level of one recorded channel.
+
+The level comes from the spectrum, the innovations or neighbouring samples.
 
 The median Welch spectrum near the Nyquist frequency gives a white level. In low-passed records the lowest flat part of
 the spectrum gives that level instead. Response to the inputs at that end of the spectrum is no noise: there the part
@@ -109,7 +111,7 @@ def _median_over_mean(count: int) -> float:
 
 
 def _filtered_floor(power: Array, least: float) -> slice | None:
-    """Return the bins of the lowest flat part of a low-passed spectrum (n_bins,), or None.
+    """Return the lowest flat bins of a low-passed spectrum (n_bins,), or None.
 
     The floor lies below every lower frequency, since the recorded motion is above the noise there.
     """
@@ -130,7 +132,7 @@ def _filtered_floor(power: Array, least: float) -> slice | None:
 
 
 def _is_flat(power: Array, width: int) -> bool:
-    """Return whether the medians of parts of some bins [bins] of a spectrum agree."""
+    """Return whether the medians of parts of some bins agree."""
     if width < 1:
         return False
     groups = np.median(power[: len(power) // width * width].reshape(-1, width), axis=1)
@@ -157,7 +159,7 @@ def _is_answer(column: Array, inputs: Array | None, band: Array) -> bool:
 
 
 def _unexplained(column: Array, inputs: Array | None) -> float:
-    """Return the density at the top of the spectrum that the inputs leave, or inf."""
+    """Return the unexplained density at the spectrum's top, or inf."""
     moving = [] if inputs is None else [x for x in inputs.T if np.ptp(x) > 0]
     lines = noise_lines(column, [np.fft.rfft(x - x.mean()) for x in moving])
     if lines is None:

@@ -70,7 +70,7 @@ def sensor_steps(runs: Sequence[Run]) -> tuple[SensorStep, ...]:
 
 
 def _step(values: Array, least: float) -> tuple[float, float] | None:
-    """Return the largest quantisation step above a bound and its standard deviation, or None."""
+    """Return the largest quantisation step and its standard deviation, or None."""
     low, high = float(values.min()), float(values.max())
     if not least > 0 or high - low < QUANTISATION.fewest * least:
         return None
@@ -123,7 +123,7 @@ def _passes_between(values: Array, step: float) -> bool:
 
 
 def _refined(values: Array, cycle: float, width: float) -> tuple[float, float]:
-    """Return the step at a peak of the characteristic function, and its standard deviation."""
+    """Return the step at a characteristic function's peak, with standard deviation."""
     fine = np.linspace(cycle - width, cycle + width, 81)
     sharp = np.abs(np.exp(2j * np.pi * np.outer(fine, values)).mean(axis=1))
     k = int(np.argmax(sharp))

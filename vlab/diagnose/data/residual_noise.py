@@ -84,6 +84,6 @@ def noise_share(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Ar
 
 
 def _nonlinear(run: Run, column: int) -> list[Array]:
-    """Return spectra of nonlinear functions of the motion in a column of a run."""
+    """Return spectra of nonlinear functions of a run's column."""
     order = ORDER.get(run.measured.channels[column].kind, 0)
     return nonlinear_spectra(run.measured.data[:, column], order, run.measured.sample_period)

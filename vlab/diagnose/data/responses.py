@@ -1,4 +1,4 @@
-"""Measured frequency responses and modal tables of a case, with noise and model error.
+"""Measured frequency responses and modal tables, with noise and model error.
 
 The noise of a response without stated coherence comes from its roughness over lines. With coherence gamma^2 and n
 averages the relative error is sqrt((1 - gamma^2) / (gamma^2 n)) (Bendat and Piersol, Random Data, 4th ed., 9.81).
@@ -327,7 +327,7 @@ def _given_noise(file: Table, table: FrfTable, H: ComplexArray, used: Array, lin
 
 
 def _roughness(freq: Array, H: ComplexArray) -> Array:
-    """Return the noise variance from the distance of lines to the cubic through their neighbours.
+    """Return the noise variance from lines' distances to neighbours' cubics.
 
     A running median follows the noise over frequency: a hammer excites high frequencies weakly, so division by a small
     force amplifies noise. A resonance sharper than the lines is no noise.

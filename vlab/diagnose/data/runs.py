@@ -94,7 +94,7 @@ class Signals:
 
     @property
     def command_before(self) -> Array:
-        """Commands (n_actuators,) before the run: zero at rest, otherwise the first ones continue backwards."""
+        """Commands (n_actuators,) before the run: zero at rest, else the first."""
         return 0.0 * self.u[0] if self.at_rest else self.u[0]
 
     def __len__(self) -> int:

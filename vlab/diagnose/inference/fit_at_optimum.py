@@ -1,4 +1,4 @@
-"""Fit at the end of a descent: values, errors of the runs, standard deviations."""
+"""Fit at a descent's end: values, errors, standard deviations."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

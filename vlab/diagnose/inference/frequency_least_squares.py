@@ -170,7 +170,7 @@ class Fitter:
         return e, np.hstack([own, values * self._sizes(point)])
 
     def _sizes(self, point: Point) -> Array:
-        """Return the step size of effect parameters: one log unit, or a signed value."""
+        """Return effect parameters' step: one log unit, or a value."""
         return np.array(
             [
                 max(abs(float(t.values[p.name])), 1e-12) if p.signed else 1.0

@@ -1,4 +1,4 @@
-"""Shares of other inputs and of a time skew in the innovations of a screening."""
+"""Shares of other inputs and a time skew in innovations."""
 
 from collections.abc import Sequence
 
@@ -51,7 +51,7 @@ def input_shares(
 def _response(
     screen: ScoreTest, group: Group, by_name: Sequence[dict[str, Signals]], skewed: Sequence[int], skew_s: float
 ) -> Array:
-    """Return the innovations' response (n, n_runs, p, k) to other inputs and a skew."""
+    """Return innovations (n, n_runs, p, k) of other inputs and a skew."""
     forces, readings = [], []
     for named in by_name:
         runs = [named[run.name].first(len(run)) for run in group.runs]

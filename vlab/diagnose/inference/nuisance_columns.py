@@ -1,4 +1,4 @@
-"""Whitened columns of uncertain parameters and sensor offsets, the nuisance of the score test."""
+"""Whitened nuisance columns of the score test: parameters and sensor offsets."""
 
 from collections.abc import Callable, Sequence
 

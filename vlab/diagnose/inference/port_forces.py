@@ -67,7 +67,7 @@ class PortForces:
         return port_series(effect, z, v, values, group.h, command, group.starts)
 
     def _of_all_ports(self, group: Group, place: Place, effect: PortEffect, values: dict[str, float]) -> Array | None:
-        """Return a hysteretic law's force, or None where its shape is no trial shape."""
+        """Return a hysteretic law's force; None for other than trial shapes."""
         ports = [p for p in self.places if p.kind == "port" and admissible(effect, p)]
         shapes = [self.shapes(effect, p) for p in ports]
         at = next((i for i, p in enumerate(ports) if p.name == place.name), -1)

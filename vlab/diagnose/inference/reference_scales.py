@@ -54,7 +54,7 @@ def reference_quantity(name: str, place: Place, groups: Sequence[Group], motion:
 
 
 def _largest(group: Group, x: Array) -> float:
-    """Return the largest magnitude of a signal (n, n_runs) over the samples that count."""
+    """Return a signal's (n, n_runs) largest magnitude over counted samples."""
     return max(float(np.abs(x[group.first : n, i]).max(initial=0.0)) for i, n in enumerate(group.lengths))
 
 

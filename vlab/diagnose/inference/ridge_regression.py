@@ -6,7 +6,7 @@ from vlab.signals import Array
 
 
 def ridge_inverse(R: Array) -> Array:
-    """Return the ridge regression (R^T R + 1)^-1 R^T of a response, by singular values.
+    """Return the ridge regression (R^T R + 1)^-1 R^T of a response.
 
     Responses of unstable motion are so large that normal equations would lose the priors.
 

@@ -1,4 +1,4 @@
-"""Score test of every effect at every location, on the innovations of a Kalman filter.
+"""Score test of every effect at every location, on Kalman innovations.
 
 The innovations of the nominal model are white where nothing is missing. A missing force leaves its response through the
 observer, which forgets quickly even where the structure rings for minutes. No phase drifts, and free decays serve as

@@ -81,7 +81,7 @@ def _by_screening(of: Started, vector: ParameterVector, start: Fit | None) -> li
 def _beside_earlier(
     of: Started, vector: ParameterVector, start: Fit | None, known: Mapping[str, Term], theta: Array
 ) -> list[Array]:
-    """Return an earlier fit with new terms at several sizes, and as local elements."""
+    """Return an earlier fit with new terms in several sizes."""
     terms, out = vector.terms, []
     for size in (1.0, 0.3, 0.05):
         small = [{p.name: t.values[p.name] * size for p in t.effect.amplitudes} for t in terms]

@@ -399,7 +399,7 @@ def driven_series(
     memory: Sequence[Any],
     others: Sequence[Any],
 ) -> tuple[Array, list[Array]]:
-    """Return a law's force along a given motion, and the memory after the motion.
+    """Return a law's force along a motion, and its final memory.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ CENTRE_OF_MASS = "centre-of-mass"
 
 
 def centres_of_mass(model: Any, bodies: Mapping[str, int], given: Mapping[str, float]) -> list[Uncertain]:
-    """Return the shifts of the centres of mass that a case states as uncertain.
+    """Return the stated uncertain shifts of the centres of mass.
 
     Where density varies linearly over a body, its centre of mass moves by the relative error times the radius of gyration.
 

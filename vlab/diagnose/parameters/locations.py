@@ -273,7 +273,7 @@ def places_of(
 
 
 def _actuator(plant: Plant, reduced_model: ReducedModel, index: int) -> Place:
-    """Return an actuator, with the rows of its transmission if it is a position servo."""
+    """Return an actuator; a position servo has its transmission's rows."""
     out = Place(name=f"actuator:{plant.actuators[index].name.removeprefix('coil:')}", kind="actuator", index=index)
     port, servo = servo_port(plant, index), servo_of(plant, index)
     if port is None or servo is None:

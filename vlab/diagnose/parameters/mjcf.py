@@ -89,7 +89,7 @@ class Uncertain:
 
     @property
     def may_vanish(self) -> bool:
-        """Whether the value may be zero, with a normal prior of its relative decrease."""
+        """Whether the value may be zero, with a normal prior."""
         return self.kind in VANISHING
 
     def apply(self, model: Any, value: float) -> None:
@@ -108,7 +108,7 @@ class Uncertain:
             getattr(model, name)[index] += size * value
 
     def change(self, difference: Array) -> Array:
-        """Return the relative change of the values, or the shift, for differences of the parameter."""
+        """Return the values' relative change, or shift, for parameter differences."""
         return difference if self.shifted else np.expm1(np.clip(difference, -REDUCED_MODEL.most, REDUCED_MODEL.most))
 
 

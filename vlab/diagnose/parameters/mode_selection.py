@@ -160,7 +160,7 @@ def as_stepped(plant: Plant, linear: SecondOrderModel, basis: Array, h: float) -
 
 
 def _of_step(C: Array, K: Array, at_end: Array, h: float) -> tuple[Array, Array, Array]:
-    """Return mass, damping and stiffness (m, m) of a semi-implicit step under held forces.
+    """Return M, C and K (m, m) of a semi-implicit step.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from vlab.plants.base import Plant
 
 
 def with_whole_gains(fit: Fit, parameters: Sequence[Uncertain], plant: Plant) -> Fit:
-    """Return a fit whose effects hold the whole change of the gains that they multiply.
+    """Return a fit whose effects hold the gains' whole change.
 
     The recordings show the product of an effect's factor and of the calibrated one. The division between both follows
     from their priors, and no reader needs the division.
@@ -56,5 +56,5 @@ def _is_same_gain(term: Term, parameter: Uncertain, plant: Plant) -> bool:
 
 
 def _is_gain(parameter: Uncertain, actuator: int, is_servo: bool) -> bool:
-    """Return whether a parameter is an actuator's gain; that of a servo includes its feedback."""
+    """Return whether a parameter is an actuator's or servo's gain."""
     return parameter.actuator == actuator and bool(parameter.fields) == is_servo

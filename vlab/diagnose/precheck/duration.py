@@ -1,4 +1,4 @@
-"""Rough time of a diagnosis, from the time of one simulation of its recordings."""
+"""Rough time of a diagnosis, from one simulation's time."""
 
 from collections.abc import Sequence
 

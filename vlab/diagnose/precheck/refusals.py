@@ -1,4 +1,4 @@
-"""Reasons for which a diagnosis would refuse a case, from tests that take little time."""
+"""Reasons for which a diagnosis would refuse a case."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -54,7 +54,7 @@ def is_port(term: Term) -> bool:
 
 
 def is_level_dependent(term: Term) -> bool:
-    """Return whether a term is nonlinear, so that its response depends on the level."""
+    """Return whether a term's response depends on the level."""
     return not is_linear(term.effect)
 
 

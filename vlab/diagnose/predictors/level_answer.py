@@ -163,7 +163,7 @@ class OperatingPoint:
         return np.asarray(self.chain.recorded(self.solved.H) / self.chain.gain)
 
     def sensor_gain(self, terms: Sequence[Term] | None = None) -> tuple[ComplexArray, ComplexArray]:
-        """Return the gain of nonlinear sensors (n, n_all), and its derivative by the log amplitude."""
+        """Return nonlinear sensors' gain (n, n_all) and its log-amplitude derivative."""
         chosen = self.terms if terms is None else terms
         return sensor_gains(chosen, self.sensed, self.wires.orders, self.response.order, self.excitation)
 
@@ -204,7 +204,7 @@ class OperatingPoint:
         return np.asarray(self.chain.apply(H) / self.chain.gain)
 
     def _stiffened(self, rate: Array) -> ComplexArray:
-        """Return the change of stiffness (n, E) under direct changes of log amplitudes (n, E)."""
+        """Return stiffness changes (n, E) under changes of log amplitudes (n, E)."""
         count = len(self.elements)
         if not count:
             return np.zeros(rate.shape, dtype=complex)

@@ -82,7 +82,7 @@ def modes_at_amplitude(
 
 
 def _equivalent(state: State, elements: Sequence[Element], s: complex, shape: ComplexArray, scale: float) -> State:
-    """Return the matrices with equivalents of all elements in the motion of one mode."""
+    """Return the matrices with all equivalents in one mode's motion."""
     omega, C, K = np.array([abs(s)]), state.C, state.K
     for element in elements:
         size = np.array([max(abs(element.row @ shape) * scale, 1e-300)])

@@ -1,4 +1,4 @@
-"""Frequency response at a known level of excitation, with nonlinear laws as describing functions.
+"""Frequency response at a known level, by describing functions.
 
 A nonlinear law at a port is a complex stiffness Z(a) that depends on the amplitude a of the port. The port has the
 compliance g, and without the law the motion x0. Each line of a stepped sine solves a |1 + g Z(a)| = |x0|. A scan over
@@ -62,7 +62,7 @@ class Element:
 
 
 def elements_of(terms: Sequence[Term]) -> list[Element]:
-    """Return the nonlinear ports of a hypothesis; terms at one port form one element.
+    """Return the nonlinear ports of a hypothesis, one element each.
 
     Parameters
     ----------
@@ -282,7 +282,7 @@ def _roots(function: Callable[[Array, Array], Array], linear: Array) -> tuple[Ar
 
 
 def _chosen(element: Element, index: int, log_a: Array, lines: Array, omega: Array, distance: Distance | None) -> Array:
-    """Return one solution (n,) per line: the nearest to the data, or the largest."""
+    """Return the solution (n,) nearest to the data, or the largest."""
     order = np.lexsort((log_a, lines))
     log_a, lines = log_a[order], lines[order]
     out = np.zeros(len(omega))

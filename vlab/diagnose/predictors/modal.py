@@ -97,7 +97,7 @@ def _inputs(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping
 
 
 def _acted(effect: ActuatorEffect, p: Mapping[str, float], runs: list[Signals], before: Array, u: Array) -> Array:
-    """Return an actuator's commands (n, n_runs) after an effect, with its memory of earlier commands."""
+    """Return an actuator's commands (n, n_runs) after an effect with memory."""
     h = runs[0].h
     if effect.keeps_time:
         return np.stack(

@@ -61,7 +61,7 @@ class Trajectories:
 def trajectory_parameters(
     plant: Plant, given: Mapping[str, float], channels: Sequence[str], driven: Sequence[int]
 ) -> list[Uncertain]:
-    """Return the uncertain parameters, with moments of inertia, stated centres of mass, and lengths.
+    """Return the uncertain parameters, with inertias, centres of mass and lengths.
 
     Parameters
     ----------

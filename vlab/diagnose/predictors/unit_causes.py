@@ -1,4 +1,4 @@
-"""Causes of innovations: signals of an effect's unit amplitudes, and their entrances into the model."""
+"""Causes of innovations: signals of unit effects, with their entrances."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -82,7 +82,7 @@ def causes_in_channel(effect: SensorEffect, shape: Shape, group: Group, place: P
 
 
 def subtract_own_innovations(columns: Array, effect: PickUp, shape: Shape, group: Group, place: Place) -> None:
-    """Subtract the innovations from the columns (n, n_runs, p, k) of a pick-up, in place.
+    """Subtract the innovations from a pick-up's columns (n, n_runs, p, k).
 
     Of their own sample only the predicted part of signals counts. Otherwise one sensor's innovation would explain
     another's.

@@ -87,7 +87,7 @@ def port_series(
 
 
 def fast_series(effect: PortEffect, z: Array, v: Array, a: Array, values: Values, h: float, command: Any) -> Array:
-    """Return a fast law's force along a given motion, as means over the samples.
+    """Return a fast law's mean force over samples along a motion.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def fast_series(effect: PortEffect, z: Array, v: Array, a: Array, values: Values
 def fast_march(
     effect: PortEffect, z: Array, v: Array, a: Array, values: Values, h: float, command: Any
 ) -> tuple[Array, Any]:
-    """Return a fast law's force in fine steps, and the memory after the motion.
+    """Return a fast law's force in fine steps, and its memory.
 
     Every sample has `TRAJECTORY.fine` steps of constant acceleration. A given motion yields to no force, so the mobility
     is zero.

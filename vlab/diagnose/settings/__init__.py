@@ -1,4 +1,4 @@
-"""Settings of the diagnosis: every chosen number once, by the module that reads it.
+"""Settings of the diagnosis: every chosen number, by its reader.
 
 A default without named data is untested.
 """

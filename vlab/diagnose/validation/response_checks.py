@@ -234,7 +234,7 @@ def _exchanged(case: Case, measured: Sequence[_Measured]) -> list[Found]:
 
 
 def _left(measured: Sequence[_Measured], output: str, other: str) -> list[float]:
-    """Return the residual shares of an output beside the model's response of another one."""
+    """Return an output's residual shares beside another output's modelled response."""
     crossed = [
         replace(
             one,

@@ -204,7 +204,7 @@ class Checked(Distance):
         return None if self.simulated[2] is self.standing else self.simulated[2]
 
     def against_nominal(self) -> "Checked":
-        """Return the errors with the nominal model in place of a refuted calibrated one."""
+        """Return the errors against the nominal instead of the calibrated model."""
         channels = {
             name: (nominal, nominal, after, noise) for name, (nominal, _, after, noise) in self.channels.items()
         }

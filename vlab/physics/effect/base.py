@@ -72,7 +72,7 @@ class Effect(ABC):
 
     @property
     def needs_rest(self) -> bool:
-        """Whether the law is plausible at an element with a position of rest only."""
+        """Whether the law needs an element with a position of rest."""
         return self.traits.needs_rest or "magnet" in self.needs
 
     @property

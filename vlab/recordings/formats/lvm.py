@@ -1,4 +1,4 @@
-"""LabVIEW measurement files (.lvm): text with a header of the clock and the channels.
+"""LabVIEW measurement files (.lvm): text under a header.
 
 Each segment has a header that ends with ``***End_of_Header***``, a line of names and lines of numbers. Segments of the
 same channels follow each other. Source: NI, Specification for the LabVIEW Measurement File (.lvm).

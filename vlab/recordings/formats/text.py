@@ -61,7 +61,7 @@ def read(
 
 
 def _first_numbers(data: bytes) -> tuple[int, int]:
-    """Return the offset of the first line of numbers, and how many blanks separate.
+    """Return the first line of numbers and the separating blanks.
 
     The count is 0 if a delimiter other than a blank separates, or if no line of numbers is found.
     """

@@ -1,4 +1,4 @@
-"""Data set 58 or 58b of a universal file: function at nodal degrees of freedom.
+"""Data set 58 or 58b of a universal file.
 
 Data set 58 has records 1 to 12 in FORTRAN formats [1]_. Data set 58b has text records and binary samples. No count in a
 header is trusted.

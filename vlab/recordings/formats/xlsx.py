@@ -1,4 +1,4 @@
-"""Excel workbooks (.xlsx): the first sheet with numbers, read as a table of text.
+"""Excel workbooks (.xlsx): the first sheet with numbers.
 
 openpyxl reads the workbook in an isolated process, see `vlab.recordings.isolated`. Formulas are never computed; their
 stored values count. Macros are never run.

@@ -1,4 +1,4 @@
-"""Records of named values as columns: nested objects by dotted names, lists by index.
+"""Records of named, nested values as columns.
 
 The module needs numpy only, because isolated readers import it.
 """

@@ -1,4 +1,4 @@
-"""Figures: functions of data that return a matplotlib `Figure`, with units on every axis."""
+"""Figures with units on every axis, as functions of data."""
 
 from vlab.views.figures.modes import (
     bar_curve,

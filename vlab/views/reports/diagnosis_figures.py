@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: the worst channel with the models, and the missing force."""
+"""Figures of a diagnosis: the worst channel, the missing force."""
 
 import math
 from collections.abc import Sequence

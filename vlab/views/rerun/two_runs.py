@@ -1,4 +1,4 @@
-"""Two runs in one Rerun file: overlaid traces, and both structures in one picture."""
+"""Two runs in one Rerun file, overlaid."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
