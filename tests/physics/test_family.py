@@ -3,12 +3,15 @@
 from itertools import combinations
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from vlab.cli import main
 from vlab.diagnose.parameters.locations import admissible
 from vlab.physics.catalogue import EFFECTS, effect_named
+from vlab.physics.effect import ActuatorEffect, LinearPortEffect, PickUp, PortEffect, SensorEffect
 from vlab.physics.family import FAMILIES, Family, register_family, separating_measurement
+from vlab.physics.servo import ServoEffect
 
 EXAMPLES = Path(__file__).parents[2] / "assets" / "examples"
 
@@ -91,3 +94,26 @@ def test_needs_of_a_place_follow_the_family(toy):
     shared = SimpleNamespace(kind="actuator", also=(1,), index=0)
     assert admissible(effect_named(toy), shared)
     assert not admissible(EFFECTS["actuator-offset"], shared)
+
+
+KINDS = {"port": (PortEffect, LinearPortEffect), "actuator": ActuatorEffect, "sensor": SensorEffect}
+
+
+@pytest.mark.parametrize("effect", EFFECTS.values(), ids=EFFECTS)
+def test_traits_agree_with_the_class_of_an_effect(effect):
+    assert isinstance(effect, KINDS[effect.kind])
+    assert effect.is_linear == isinstance(effect, LinearPortEffect)
+    assert effect.is_force == isinstance(effect, PortEffect)
+    assert effect.picks_up == isinstance(effect, PickUp)
+    assert effect.is_in_servo == isinstance(effect, ServoEffect)
+    assert effect.is_linear or all(hasattr(effect, name) for name in effect.simulated_by)
+    assert effect.is_in_servo or not effect.numbers
+
+
+def test_a_channel_effect_transfers_a_signal_as_its_law_does():
+    t = 0.01 * np.arange(50)
+    u = np.sin(7.0 * t)
+    clipping, drift = EFFECTS["actuator-clipping"], EFFECTS["sensor-drift"]
+    assert np.array_equal(clipping.transfer(u, {"limit": 0.3}, 0.01, t), clipping.actuate(u, {"limit": 0.3}, 0.01))
+    p = {q.name: 0.2 for q in drift.parameters}
+    assert np.array_equal(drift.transfer(u, p, 0.01, t), drift.sense(u, p, 0.01, t))
