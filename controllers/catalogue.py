@@ -110,7 +110,7 @@ class CatalogueLaw:
 
     @property
     def not_in_a_loop(self) -> str:
-        """Reason why the law cannot run in a loop; "" if it can."""
+        """Reason why the law cannot run in a loop, or ""."""
         if not self.estimated_by:
             return ""
         return f"the law {self.name} feeds every state back, which no sensors measure"

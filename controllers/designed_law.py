@@ -23,7 +23,7 @@ class Design(Protocol):
 
     @property
     def in_loop(self) -> LinearController | None:
-        """The law on sensors; None for a law that needs every state measured."""
+        """The law on sensors; None if every state must be measured."""
 
     @property
     def state_gain(self) -> Array:

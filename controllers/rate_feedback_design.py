@@ -19,7 +19,7 @@ PRINTED = "lbf s/in"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RateFeedbackDesign:
-    """A law u = -D y and its performance on the design model.
+    """A law u = -D y and its performance.
 
     Parameters
     ----------

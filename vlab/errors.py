@@ -87,7 +87,7 @@ def unknown_name(kind: str, given: str, known: Iterable[str], *, where: str = ""
 
 
 def _nearest_numbers(given: str, names: Iterable[str]) -> list[str]:
-    """Return the names that differ in their number only, at the smallest distance.
+    """Return the nearest names that differ in their number only.
 
     A missing part before a colon does not count, as in ``40in`` for ``coil:40in``. A number beyond all known ones is a
     slip of the keys instead.

@@ -89,7 +89,7 @@ class DesignedLaw:
         return f"<DesignedLaw: {found['law']} on the {found['model']} model of {self.structure.name}; {value}>"
 
     def save(self, folder: Path | str, *, overwrite: bool = False) -> Path:
-        """Write ``design.json``, figures, and ``controller.toml`` where the law can run in a loop.
+        """Write ``design.json``, figures, and ``controller.toml`` of a law for loops.
 
         Parameters
         ----------
@@ -222,7 +222,7 @@ def design(
 def _with_checks(
     made: DesignedLaw, variant: str, rate_hz: float | None, *, robustness: bool, array: bool
 ) -> DesignedLaw:
-    """Return the law with its margins and its fit to the array controller."""
+    """Return the law with margins and array controller."""
     if not (robustness or array):
         return made
     law, loop = _in_a_loop(made.law, made.document["law"]), None

@@ -141,7 +141,7 @@ def run_prepared(
     watch: Watch | None = None,
     finished: Callable[[DoneRun], None] | None = None,
 ) -> DoneRun:
-    """Run a prepared experiment, and write its run folder where one is named.
+    """Run a prepared experiment, and write its run folder if named.
 
     Parameters
     ----------

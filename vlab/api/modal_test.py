@@ -50,7 +50,7 @@ def modal_test(
     dwell_s: float | None = None,
     window_end: float = ModalTest.end_level,
 ) -> ModalTestResult | list[DwellResult]:
-    """Estimate frequency responses, poles and mode shapes, with the defaults of ``vlab modal-test``.
+    """Estimate frequency responses, poles and mode shapes, as ``vlab modal-test`` does.
 
     Recordings of one input are averaged, of different inputs combined. The same holds for measured frequency responses,
     which take the place of recordings.
@@ -217,7 +217,7 @@ def _holds_responses(table: Table, named: Sequence[str], frequency: str | None) 
 
 
 def _check_named(table: Table, frequency: str | None) -> None:
-    """Refuse responses to an input without a name beside those of other files."""
+    """Refuse responses to unnamed inputs beside those of other files."""
     if any(not label.input for label in response_labels(table, frequency=frequency)):
         raise BadRecording(
             f"{table.path}: the file does not name the input of its responses; name it with --input, or name columns "

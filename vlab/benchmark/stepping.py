@@ -1,4 +1,4 @@
-"""CPU times of whole experiments beside bare steps of MuJoCo and beside python-control."""
+"""CPU times of experiments beside bare MuJoCo and python-control."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -26,7 +26,7 @@ STRUCTURES, PLANTS = ("beam", "grid"), ("composite", "modal", "fe")
 
 @dataclass(frozen=True, kw_only=True)
 class Stepping:
-    """CPU times of an experiment and of its peer [s per simulated second].
+    """CPU times of an experiment and its peer, per simulated second.
 
     The ratio is peer over ours.
     """

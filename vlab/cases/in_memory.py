@@ -214,7 +214,7 @@ def _is_list_of_runs(what: str, given: Sequence[Any]) -> bool:
 
 
 def _times(t: Any, frames: Sequence[Any], run: int) -> tuple[Array, str | None]:
-    """Return the times of a run [s], and the name of their column."""
+    """Return the times of a run [s], and their column."""
     name = t if isinstance(t, str) else None
     if name is not None:
         holders = [frame for frame in frames if name in _named(frame)]
@@ -301,7 +301,7 @@ def _parts(name: str, numbers: Array) -> list[tuple[str, Array]]:
 
 
 def _described(plant: Plant, name: str, is_input: bool, own: dict[str, Any]) -> dict[str, Any]:
-    """Return the channel table of a column; the model gives kind and unit."""
+    """Return a column's channel table, with the model's kind and unit."""
     at = str(own.pop("at", name))
     taps: Sequence[Any] = plant.actuators if is_input else plant.sensors
     side = "actuator" if is_input else "sensor"
@@ -323,7 +323,7 @@ def _described(plant: Plant, name: str, is_input: bool, own: dict[str, Any]) -> 
 
 
 def _port(plant: Plant, at: str) -> tuple[str, Port | None]:
-    """Return the port at a place; a joint or tendon needs no prefix."""
+    """Return the port at a place, with or without a prefix."""
     for name in (at, f"joint:{at}", f"tendon:{at}"):
         if name in plant.ports:
             return name, plant.ports[name]
@@ -342,7 +342,7 @@ def _of_port(port: Any, is_input: bool) -> tuple[str, str]:
 def _with_roles(
     recordings: Sequence[dict[str, Any]], tables: Mapping[str, Table], holdout: Any
 ) -> list[dict[str, Any]]:
-    """Return the tables with roles; a share of a run makes two tables."""
+    """Return the tables with roles; a share makes two tables."""
     count = len(recordings)
     if holdout is None:
         holdout = HELD_OUT if count == 1 else count - 1
@@ -378,5 +378,5 @@ def _split(recording: Mapping[str, Any], table: Table, share: float) -> list[dic
 
 
 def prefixed(error: VlabError) -> VlabError:
-    """Return the error with the name of the case where it has none."""
+    """Return the error with the name of its case."""
     return error if LABEL in str(error) else type(error)(f"{LABEL}: {error}")

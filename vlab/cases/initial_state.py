@@ -1,4 +1,4 @@
-"""Initial state of a recording: at rest, or estimated from its first samples.
+"""Initial state of a recording: rest, or an early estimate.
 
 The linearised model gives the response of the compared channels to every mode's initial displacement and velocity.
 Linear least squares over the first two periods of the slowest mode gives both; of a growing mode, over two

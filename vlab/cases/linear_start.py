@@ -1,4 +1,4 @@
-"""Linear estimate of an initial state: modal displacements and velocities by least squares."""
+"""Linear least squares estimate of an initial modal state."""
 
 from dataclasses import dataclass, field
 

@@ -1,4 +1,4 @@
-"""Inputs of a replay: means over integration steps, and values at the readings."""
+"""Inputs of a replay: means over steps, values at readings."""
 
 from collections.abc import Sequence
 

@@ -59,7 +59,7 @@ class WrittenOut:
 
 
 def check_file(reader: Reader, key: str, file: str, *, allow_outside: bool = False) -> None:
-    """Check that a file of a case is there and may be read.
+    """Check that a file of a case can be read.
 
     Parameters
     ----------
@@ -295,7 +295,7 @@ class _Writer:
             raise self.reader.fail(key, str(error)) from error
 
     def dataset(self, one: dict[str, Any], key: str) -> DataSet | None:
-        """Return the data set of a recording, and keep it in the table."""
+        """Return a recording's data set, kept in the table."""
         try:
             folder = self.folder.resolve()
             path = (folder / one["file"]).resolve() if self.allow_outside else path_inside(one["file"], folder)

@@ -85,7 +85,7 @@ def write_check(checked: Precheck, folder: Path) -> None:
 
 
 def _picture(comparison: Comparison) -> bytes:
-    """Return a PNG of the recording with the largest error beside its simulation."""
+    """Return a PNG of the worst recording beside its simulation."""
     from vlab.views.figures import to_png, traces_figure
 
     worst = max((r for r in comparison.runs if r.misfits), key=lambda r: max(m.nrmse for m in r.misfits))
@@ -152,7 +152,7 @@ def _periods(checked: Precheck) -> list[str]:
 
 
 def rough(seconds: float) -> str:
-    """Return a rough time as a range, such as ``"20 to 80 s"``."""
+    """Return a rough time, such as ``"20 to 80 s"``."""
     unit, size = ("min", 60.0) if seconds > 300.0 else ("s", 1.0)
     low, high = (float(f"{factor * seconds / size:.1g}") for factor in (0.5, 2.0))
     return f"{low:g} to {high:g} {unit}"

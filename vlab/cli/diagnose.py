@@ -145,7 +145,7 @@ def _later_folders(arguments: argparse.Namespace) -> list[Path]:
 
 
 def _continued(arguments: argparse.Namespace, result: Answer, first: Outcome, out: Path) -> Outcome:
-    """Diagnose the extended model in its turn, as often as something is found."""
+    """Diagnose the extended model, as often as something is found."""
     if not arguments.until_noise:
         return first
     rounds, texts, folder = [first.document], [first.text], out

@@ -110,7 +110,7 @@ def _parameters(entry: dict[str, Any]) -> str:
 
 
 def _table(document: list[dict[str, Any]]) -> str:
-    """Return the table of effects, one line each, with a line on details."""
+    """Return the table of effects, with a line on details."""
     rows = [[entry["family"], entry["name"], SHORT[entry["kind"]], _parameters(entry)] for entry in document]
     table = text_table(["family", "effect", "at", "parameters"], rows)
     first = document[0]["name"]

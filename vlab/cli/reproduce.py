@@ -197,7 +197,7 @@ def _ratio_lines(document: dict[str, Any]) -> list[str]:
 
 
 def _ring_down_lines(document: dict[str, Any]) -> list[str]:
-    """Return damping of the releases beside the predicted poles, and the actuator effort."""
+    """Return measured damping beside predicted poles, and the actuator effort."""
     parts = document["ring_downs"]
     table = ring_down_table({part["law"]: part["modes"] for part in parts})
     return [table, "", *_effort_lines({part["law"]: part["effort"] for part in parts})]
@@ -208,7 +208,7 @@ def _effort_lines(effort: dict[str, Any]) -> list[str]:
 
 
 def _limit_cycle(arguments: argparse.Namespace) -> Outcome:
-    """Report the explanations of the limit cycle; with a folder, also time histories."""
+    """Report the limit cycle's explanations, and histories to a folder."""
     from vlab.reproduce.limit_cycle.odds import limit_cycle_odds
     from vlab.reproduce.limit_cycle.runs import simulated_seconds
     from vlab.reproduce.limit_cycle.study import limit_cycle_report

@@ -154,7 +154,7 @@ def published_table(structure: str, number: str, part: str = "") -> PublishedTab
 
 
 def published_designs(structure: str) -> tuple[PublishedDesign, ...]:
-    """Return the settings of the published designs of a structure; empty without publication."""
+    """Return the settings of a structure's published designs, if any."""
     content = _published(structure)
     return () if content is None else tuple(content.design)
 

@@ -1,4 +1,4 @@
-"""Durations of an experiment that follow from the slowest mode of its plant.
+"""Durations of an experiment from the slowest mode.
 
 A mode of damping ratio zeta and angular frequency omega decays as exp(-t/tau), tau = 1/(zeta omega). A record must outlast
 the transient of the slowest mode, and a period, block or interval must hold the decay of that mode.
@@ -124,7 +124,7 @@ def _periodic(settings: RunSettings, tau: float, stated: set[str]) -> RunSetting
 
 
 def _blocks(settings: RunSettings, tau: float, stated: set[str]) -> RunSettings:
-    """Return four blocks, in each of which the response to a burst decays."""
+    """Return four blocks of bursts with decay."""
     excitation: Any = build_excitation(settings.excite)
     block = float(np.ceil(tau * np.log(1 / DECAYED) / (1 - min(excitation.share, 0.9))))
     if "block_s" in stated:
@@ -186,7 +186,7 @@ def _static_travel(modes: _Receptance, settings: RunSettings) -> float:
 
 
 def _random_travel(modes: _Receptance, settings: RunSettings) -> float:
-    """Return the largest peak travel under unit rms force over the band [m/N].
+    """Return the largest travel under unit rms force [m/N].
 
     A mode of unit mass under an even one-sided density G [N^2/Hz] has the variance G/(8 zeta omega^3).
     """

@@ -1,4 +1,4 @@
-"""Spectra of inputs and outputs by period or segment; estimators H1, H2, Hv."""
+"""Spectra by period or segment, and estimators H1, H2, Hv."""
 
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Families of effects, and the traits that all effects of a family share.
+"""Families of effects, and the traits that their effects share.
 
 A family groups laws that look alike in recordings. Screening, fits, reports and advice read a family's traits here and
 nowhere else. A user's file may define a family of its own: ``family = Family(name=..., ...)`` in the class of the effect.

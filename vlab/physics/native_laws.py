@@ -1,4 +1,4 @@
-"""Nonlinear elements of a MuJoCo model, read back as laws of the catalogue.
+"""Nonlinear elements of a MuJoCo model as laws of the catalogue.
 
 A linearisation at rest omits dry friction, polynomial springs and dampers, slack bands, and the yield of springs. For
 responses of known level each such element is a law at the port of its joint or tendon.

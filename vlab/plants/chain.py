@@ -1,4 +1,4 @@
-"""Bars as chains of rigid links: positions and stiffness of the elastic hinges.
+"""Bars as chains of rigid links with elastic hinges.
 
 A bar of bending stiffness EI becomes rigid links of length h. Each link has the mass and inertia of its piece of bar,
 and hinges of stiffness EI/h join the links. Inside a uniform bar the chain is fourth-order accurate. With c = cos(kh)

@@ -1,4 +1,4 @@
-"""Elastic elements of a structure as ports: bending of spans, cables, plates, tension.
+"""Elastic elements of a structure as ports.
 
 The bend of a span between neighbouring points is the difference of the slopes at its ends. In uniform bending the
 span's stiffness is EI/L. A loss of an element's stiffness acts on that motion. Tension acts on every span's change of

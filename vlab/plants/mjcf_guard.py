@@ -1,4 +1,4 @@
-"""Guard of a user's MJCF: files inside its folder, finite numbers, bounded counts.
+"""Guard of a user's MJCF: files, finite numbers, bounded counts.
 
 The file is untrusted, and so is every included or attached file. MuJoCo opens absolute paths and follows links. An
 asset directory named by any file applies to all files. The guard therefore resolves every name at all places where

@@ -1,4 +1,4 @@
-"""Overview of a file: what each column may be, for a first look.
+"""Overview of a file: possible meanings of each column.
 
 Units come from the file, from a name or from the range of values. Guesses are named as guesses and change nothing.
 """

@@ -1,4 +1,4 @@
-"""Frequency responses of a file: names, quantities and units from header or user."""
+"""Frequency responses of a file with names, quantities and units."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -161,7 +161,7 @@ class _Writer:
         return self.finish(name, parts, patch, law, left, findings, problem)
 
     def copy(self) -> str:
-        """Copy the model's assets and included files, and return the model's new name."""
+        """Copy a model's files, and return the model's new name."""
         self.folder.mkdir(parents=True, exist_ok=True)
         home, taken = self.source.parent, set()
         for path in sorted(model_files(self.source, self.source.name)):

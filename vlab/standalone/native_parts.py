@@ -181,7 +181,7 @@ def _refused(model: Any, h: float, i: int, one: Attached) -> str:
 
 
 def _changed(i: int, one: Attached) -> Callable[[Any], None]:
-    """Return the change of a spec that puts an effect into an actuator.
+    """Return a spec's change that puts an effect into an actuator.
 
     Changes are made from the last effect to the first, so an offset sees the gain without the effects before it.
     """

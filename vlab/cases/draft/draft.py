@@ -192,7 +192,7 @@ def _doubts(plant: Plant, channels: Sequence[Match]) -> list[str]:
 
 
 def _doubtful(channels: Sequence[Match]) -> list[str]:
-    """Return the guesses on columns, one line for columns of the same reason."""
+    """Return the guesses on columns, one line a reason."""
     out = [
         f"{one_line(m.label)} {'drives' if m.is_input else 'shows'} {one_line(m.at)}: {one_line(m.why)}"
         for m in channels

@@ -1,4 +1,4 @@
-"""Logs of a draft: columns, clock, and what is fitted or held out."""
+"""Logs of a draft: columns, clock and roles."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -211,7 +211,7 @@ def _clock(log: Log, column: ColumnOverview, why: str, *, is_sure: bool = True) 
 
 
 def _stated_rate(log: Log) -> LogClock | None:
-    """Return the clock of a column that holds one sample period or rate."""
+    """Return the clock of a column with one period or rate."""
     for column in log.columns:
         word = column.name.rpartition(".")[2].lower()
         if word in (*PERIODS, *RATES) and column.least == column.greatest > 0.0:
@@ -226,7 +226,7 @@ def _unit_of_step(step: float) -> str:
 
 
 def _is_steady(values: np.ndarray) -> bool:
-    """Return whether a column may be a clock, and no count of rows."""
+    """Return whether a column may be a clock, not a counter."""
     if np.iscomplexobj(values) or values.size < 3 or not np.isfinite(values).all():
         return False
     steps = np.diff(values)

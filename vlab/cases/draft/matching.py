@@ -1,4 +1,4 @@
-"""Columns of a log matched to actuators, sensors and joints of a model.
+"""Columns of a log matched to actuators, sensors and joints.
 
 Names are compared by `vlab.cases.places`. The type of the actuator and the values decide between several candidates.
 """

@@ -110,7 +110,7 @@ def choose_units(log: Log, clock: LogClock, plant: Plant, used: Sequence[Match])
 
 
 def _inside(log: Log, plant: Plant, members: Sequence[Match]) -> tuple[tuple[str, ...], str]:
-    """Return the units that keep all columns inside the ranges, with the reason."""
+    """Return units that keep all columns inside ranges, with reason."""
     si = unit_of(plant, members[0])
     candidates = CANDIDATES[si]
     limits = [(m, limits_of(plant, m.at, m.kind, is_input=m.is_input)) for m in members]

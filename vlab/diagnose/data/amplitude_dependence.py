@@ -134,7 +134,7 @@ def level_scale_notes(measured: Sequence[Measured]) -> list[str]:
 
 
 def _compared(group: list[Response], *, own: bool) -> list[str]:
-    """Return notes on one group, with trends of its own poles if asked."""
+    """Return notes on one group, with its poles' trends if asked."""
     known = all(d.level is not None for d in group)
     group = sorted(group, key=lambda d: d.level or 0.0)
     first, last = group[0], group[-1]

@@ -108,7 +108,7 @@ def _jumps(values: Array, step: float) -> bool:
 
 
 def _passes_between(values: Array, step: float) -> bool:
-    """Return whether a series crosses steps smoothly, as an axis between stops does.
+    """Return whether a series crosses steps smoothly, as between stops.
 
     Noise behind a quantiser jumps back and forth instead.
     """

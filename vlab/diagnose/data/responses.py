@@ -236,7 +236,7 @@ def thinned(measured: Sequence[Measured]) -> list[Measured]:
 
 
 def _telling(group: Sequence[Response]) -> Array:
-    """Return the indices of the kept lines, dense where a response changes fast."""
+    """Return the kept lines, dense where a response changes fast."""
     n = len(group[0].freq)
     if n <= RESPONSES.most_lines:
         return np.arange(n)
@@ -299,7 +299,7 @@ def _conjugated(table: FrfTable) -> list[bool]:
 
 
 def _given_noise(file: Table, table: FrfTable, H: ComplexArray, used: Array, lines: int) -> list[Array | None]:
-    """Return the standard deviations of outputs with stated coherence or variance, otherwise None."""
+    """Return outputs' standard deviations from stated coherence or variance, or None."""
     by_output = {channel.at: channel for channel in table.channel}
     out: list[Array | None] = []
     for k, output in enumerate(table.outputs):
@@ -341,7 +341,7 @@ def _roughness(freq: Array, H: ComplexArray) -> Array:
 
 
 def _lagrange(freq: Array, k: int) -> Array:
-    """Return the cubic's weights at line k of two lines on either side."""
+    """Return the cubic's weights at line k of four neighbours."""
     nodes = freq[[k - 2, k - 1, k + 1, k + 2]] - freq[k]
     return np.array([np.prod(np.delete(nodes, i) / (np.delete(nodes, i) - nodes[i])) for i in range(4)])
 

@@ -289,6 +289,6 @@ def joint_estimate(
 
 
 def scaled_inverse(normal: Array) -> Array:
-    """Return the pseudo-inverse of a normal matrix (k, k), scaled by its diagonal."""
+    """Return the scaled pseudo-inverse of a normal matrix (k, k)."""
     size = np.sqrt(np.diag(normal))
     return np.asarray(np.linalg.pinv(normal / np.outer(size, size), hermitian=True) / np.outer(size, size))

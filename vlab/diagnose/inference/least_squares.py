@@ -407,7 +407,7 @@ class LeastSquares:
     def initial(
         self, vector: ParameterVector, values: Sequence[Mapping[str, float]], theta: Array, start: Fit | None
     ) -> Array:
-        """Return the vector of given values, with a fit's offsets and initial states.
+        """Return the vector of values with a fit's offsets and states.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Strongest tones of a residual, as forces of one frequency at a port.
+"""Strongest tones of a residual, as forces at a port.
 
 A force of one frequency stands out of its neighbours; a resonance need not.
 """

@@ -29,7 +29,7 @@ class SensorOffset:
 
 
 def find_sensor_offsets(problem: Problem, fit: Fit, unknown: Collection[str] = ()) -> tuple[SensorOffset, ...]:
-    """Return large sensor offsets of a fit without an effect of their own.
+    """Return a fit's large sensor offsets beside those of effects.
 
     Parameters
     ----------

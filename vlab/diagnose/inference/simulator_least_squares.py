@@ -1,4 +1,4 @@
-"""Final fit to whole runs in MuJoCo, with derivatives of the trajectory-linearised system."""
+"""Final fit in MuJoCo, with derivatives of the trajectory-linearised system."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -85,7 +85,7 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         return left, bias if worst < SIMULATOR_FIT.follows else None
 
     def _run(self, plant: Plant, index: int, start: InitialState) -> Array:
-        """Return MuJoCo's simulation at the samples of a run, or of a part."""
+        """Return MuJoCo's simulation at the samples of a run or part."""
         part = self.parts[index]
         trajectory, whole = self.moving.moving.trajectories[part.run], self.problem.runs[part.run]
         times = trajectory.time[part.first : part.end]

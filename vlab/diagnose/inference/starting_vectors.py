@@ -23,7 +23,7 @@ class Started(Protocol):
     def initial(
         self, vector: ParameterVector, values: Sequence[Mapping[str, float]], theta: Array, start: Fit | None
     ) -> Array:
-        """Return the vector of given values, with a fit's offsets and initial states."""
+        """Return the vector of values with a fit's offsets and states."""
 
     def costs(self, vector: ParameterVector, X: Array) -> Array:
         """Return the costs (n_sets,) of parameter vectors."""

@@ -295,11 +295,11 @@ class TrajectoryLeastSquares(LeastSquares):
         return forces, forces.copy()
 
     def _calibrated(self, term: Term, own: Mapping[str, Array], theta: Array) -> Mapping[str, Array]:
-        """Return a term's values with the calibrated numbers that the law carries itself."""
+        """Return a term's values with the law's own calibrated numbers."""
         return {**own, **servo_numbers(self.problem, term.effect, term.place, theta, self.moving.theta)}
 
     def _changes_beside(self, terms: Sequence[Term]) -> Array:
-        """Return the forces of uncertain parameters without the parts that laws carry themselves."""
+        """Return uncertain parameters' forces without the laws' own parts."""
         out = self.changes
         for term in terms:
             which = carried(self.problem, term.effect, term.place)
@@ -382,7 +382,7 @@ class TrajectoryLeastSquares(LeastSquares):
         given: Mapping[str, Array],
         runs: Sequence[Signals],
     ) -> None:
-        """Apply a sensor effect to a run's joined windows, to preserve its memory."""
+        """Apply a sensor effect with memory to a run's joined windows."""
         h = self.moving.runs[0].h
         for r, trajectory in enumerate(self.moving.moving.trajectories):
             mine = [(w, part) for w, part in enumerate(self.parts) if part.run == r]
@@ -434,7 +434,7 @@ def _has_fine_steps(effect: Effect) -> bool:
 
 
 def _sensed(effect: SensorEffect, x: Array, p: Values, h: float, t: Array, is_even: bool) -> Array:
-    """Return a record after a sensor effect; uneven records on an even grid."""
+    """Return an even or uneven record after a sensor effect."""
     grid = t if is_even else np.linspace(t[0], t[-1], len(t))
     step = h if is_even else float(grid[1] - grid[0])
     even = x if is_even else CubicSpline(t, x)(grid)

@@ -280,7 +280,7 @@ class TrajectoryScoreTest(ScoreTest):
         return pad_and_stack(parts)
 
     def _limited_along(self, actuator: int) -> list[LimitedActuator]:
-        """Return an actuator with limits along the runs; an empty list without limits."""
+        """Return an actuator with limits along the runs, or nothing."""
         if actuator not in self._limits:
             found = []
             for system, trajectory in zip(self.systems, self.moving.trajectories, strict=True):

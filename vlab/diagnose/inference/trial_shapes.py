@@ -1,4 +1,4 @@
-"""Trial values of an effect's shape parameters at a location: grid, tones, scans."""
+"""Trial values of shape parameters at a location."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

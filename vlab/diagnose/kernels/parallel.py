@@ -44,7 +44,7 @@ def _one(index: int) -> Any:
 
 
 def _quiet() -> None:
-    """Leave interrupts to the parent process, and inherited objects out of garbage collection.
+    """Leave interrupts to the parent, and inherited objects uncollected.
 
     A collection would write to every inherited page, and so copy the parent's memory.
     """

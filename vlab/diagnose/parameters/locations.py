@@ -79,7 +79,7 @@ class Place:
 
 
 def limited(effect: Effect, at: Collection[str]) -> Effect:
-    """Return a copy of an effect that is sought at some locations only.
+    """Return a copy of an effect for some locations only.
 
     Parameters
     ----------

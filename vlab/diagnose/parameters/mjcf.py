@@ -364,7 +364,7 @@ def _of_bodies(model: Any, given: Mapping[str, float]) -> dict[str, float]:
 
 
 def _elements(model: Any, kind: str) -> dict[str, tuple[Number, ...]]:
-    """Return the elements with a parameter of one kind, with the parameter's values."""
+    """Return the elements and values of one kind of parameter."""
     out: dict[str, tuple[Number, ...]] = {}
     if kind == "mass":
         for i in range(1, model.nbody):

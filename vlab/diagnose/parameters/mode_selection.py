@@ -51,7 +51,7 @@ class KeptModes:
         return np.asarray(self.shapes[:, self.kept])
 
     def compliance(self, pushes: Array) -> tuple[Array, Array]:
-        """Return the channels' quasi-static response to forces (nv, n), and to their rates."""
+        """Return quasi-static channels under forces (nv, n) and their rates."""
         stiff = ~self.kept & (np.abs(self.omega) >= self.band)
         shapes = self.shapes[:, stiff]
         yields = shapes @ (shapes.T @ pushes / self.omega[stiff, None] ** 2)

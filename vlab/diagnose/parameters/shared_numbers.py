@@ -1,4 +1,4 @@
-"""Numbers of a model that an effect and an uncertain parameter both multiply."""
+"""Numbers that an effect and an uncertain parameter both multiply."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -44,7 +44,7 @@ def with_whole_gains(fit: Fit, parameters: Sequence[Uncertain], plant: Plant) ->
 
 
 def _is_same_gain(term: Term, parameter: Uncertain, plant: Plant) -> bool:
-    """Return whether an effect and a parameter multiply one gain of one actuator."""
+    """Return whether an effect and a parameter multiply the same gain."""
     if len(term.place.indices) != 1 or term.effect.kind == "sensor":
         return False
     index = term.place.indices[0]

@@ -269,7 +269,7 @@ def _rms(values: Array) -> float:
 
 
 def power_band(time: Array, values: Array) -> tuple[float | None, float | None]:
-    """Return the band that holds most of a channel's power about its mean.
+    """Return the band of most of a channel's power.
 
     Parameters
     ----------

@@ -101,7 +101,7 @@ def _frequency_nodes(omega: Array) -> tuple[float, ...]:
 
 
 def _units(effect: Effect, values: Values) -> list[tuple[float, str, Shapes]]:
-    """Return weight, name and parameter values of the unit functions of a law."""
+    """Return weights, names and parameter values of unit functions."""
     p = {name: float(value) for name, value in values.items()}
     names = [q.name for q in effect.amplitudes] if effect.is_force else []
     if not names:

@@ -242,7 +242,7 @@ def modal_residual(
 
 
 def _modal_by_differences(view: View, state: State, data: Modes, terms: Sequence[Term]) -> Residual:
-    """Return the residual of a table with amplitudes, with derivatives by finite differences."""
+    """Return a residual with amplitudes, and its finite differences."""
 
     def of(state: State, terms: Sequence[Term]) -> Residual:
         return modal_residual(view, state, data, terms)

@@ -94,7 +94,7 @@ def forces_of_change(pair: Sequence[Any], middle: tuple[Array, ...], stride: int
 
 
 def _inverse(model: Any, q: Array, v: Array, a: Array, control: Array, act: Array) -> Array:
-    """Return the generalised forces (n, nv) that a motion lacks, by inverse dynamics.
+    """Return missing generalised forces (n, nv), by inverse dynamics.
 
     MuJoCo's inverse dynamics leave the actuators out; the feedback of servos belongs to the model.
     """

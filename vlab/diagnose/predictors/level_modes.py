@@ -20,7 +20,7 @@ from vlab.signals import Array, ComplexArray
 
 
 def acts_in_table(view: View, data: Modes, terms: Sequence[Term]) -> bool:
-    """Return whether nonlinear terms act in a modal table: its amplitudes are known."""
+    """Return whether a modal table's amplitudes are known."""
     every = (*view.fixed, *terms)
     return data.amplitude is not None and any(is_port(t) and is_level_dependent(t) for t in every)
 
@@ -93,6 +93,6 @@ def _equivalent(state: State, elements: Sequence[Element], s: complex, shape: Co
 
 
 def _alike(shapes: ComplexArray, shape: ComplexArray) -> Array:
-    """Return the modal assurance criterion of shapes (m, k) with one shape (m,)."""
+    """Return the MAC of shapes (m, k) with one shape (m,)."""
     product = np.abs(np.conj(shape) @ shapes) ** 2
     return np.asarray(product / np.maximum(np.sum(np.abs(shapes) ** 2, axis=0) * np.sum(np.abs(shape) ** 2), 1e-300))

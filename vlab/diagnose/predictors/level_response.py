@@ -113,7 +113,7 @@ class Excitation:
         return np.broadcast_to(np.sqrt(np.sum(np.abs(motion) ** 2, axis=0)), motion.shape)
 
     def change(self, motion: ComplexArray, by: ComplexArray) -> Array:
-        """Return the change of the log amplitude under a change of the motion.
+        """Return the log amplitude's change under changed motion.
 
         Parameters
         ----------

@@ -41,7 +41,7 @@ class LimitedActuator:
     force: tuple[float, float]
 
     def change(self, u: Array, change: Array) -> Array:
-        """Return the change of the generalised forces by a change of the command.
+        """Return the generalised forces' change under a changed command.
 
         Parameters
         ----------

@@ -12,7 +12,7 @@ from vlab.signals import Array
 
 
 def unit_amplitudes(effect: Effect, shape: dict[str, float]) -> list[dict[str, float]]:
-    """Return parameter values with one amplitude of the effect's probe each, usually 1."""
+    """Return parameter values with one probe amplitude each, usually 1."""
     names = [p.name for p in effect.amplitudes]
     return [{**shape, **{n: effect.probe * (n == name) for n in names}} for name in names] or [dict(shape)]
 

@@ -307,7 +307,7 @@ def _checked_response(data: Response, answers: list[ComplexArray], findings: Seq
 
 
 def _with_log_ratios(checked: CheckedFrequency, errors: Sequence[Array], blocks: int) -> CheckedFrequency:
-    """Return checked data with the log ratios of both models' errors by block.
+    """Return checked data with both models' log error ratios.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Horizon of prediction: parts of a recording that are predicted one by one.
+"""Horizon of prediction: parts of a recording, each predicted alone.
 
 The simulation of an unstable, chaotic or lightly damped system departs from the recording after some time, with the true
 law as well. A recording that no model predicts as a whole is therefore cut into halves, quarters and so on. Every part

@@ -1,4 +1,4 @@
-"""Interface of a physical effect: a law, its parameters, its kind of place.
+"""Interface of a physical effect: law, parameters, kind of place.
 
 A *port effect* is a force along a named scalar coordinate of the structure (a displacement, a rotation, a relative
 motion). A *linear port effect* adds mass, damping or stiffness at a port and can enter the matrices. An *actuator

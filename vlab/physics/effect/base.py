@@ -67,7 +67,7 @@ class Effect(ABC):
 
     @property
     def traits(self) -> Family:
-        """Family of the effect; one without traits if the family's name is unknown."""
+        """Family of the effect; an unknown family has no traits."""
         return FAMILIES.get(self.family, Family(name=self.family))
 
     @property

@@ -142,7 +142,7 @@ def read(
 
 
 def _each(data: bytes, layout: _Layout, notes: tuple[str, ...]) -> Table:
-    """Return the columns that are numbers, and the reason for each other column."""
+    """Return the columns of numbers, and the others' reasons."""
     found: dict[str, NDArray[Any]] = {}
     refused: dict[str, str] = {}
     try:

@@ -1,4 +1,4 @@
-"""Labels of vlab's own CSV form: comment lines with channels, samples and notes."""
+"""Labels of vlab's own CSV form, in comment lines."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

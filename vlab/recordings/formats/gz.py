@@ -1,4 +1,4 @@
-"""Files packed by gzip: unpacked within bounds and read by the inner suffix."""
+"""Files packed by gzip, read by the inner suffix."""
 
 import importlib
 import zlib

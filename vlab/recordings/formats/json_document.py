@@ -1,4 +1,4 @@
-"""One JSON document: lists of numbers by name, or a list of records."""
+"""JSON documents: lists of numbers by name, or of records."""
 
 import json
 from collections.abc import Collection, Sequence

@@ -1,4 +1,4 @@
-"""JSON lines: one object a line, with nested objects and lists as columns."""
+"""JSON lines: one object a line, nested values as columns."""
 
 import io
 import json

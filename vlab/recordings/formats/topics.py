@@ -1,4 +1,4 @@
-"""Topics of a robot log as columns with a clock for each topic.
+"""Topics of a robot log as columns, a clock each.
 
 An isolated process decodes the messages, see `vlab.recordings.workers.messages`. Elements of a joint state are also
 known by the joint: ``/joint_states/position[elbow]``.

@@ -19,7 +19,7 @@ def is_numeric(kind: Any) -> bool:
 
 
 def is_vector(kind: Any) -> bool:
-    """Return whether values of an Arrow type are lists or structs of numbers."""
+    """Return whether an Arrow type holds lists or structs."""
     if pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind):
         return is_numeric(kind.value_type)
     return pa.types.is_struct(kind) and any(is_numeric(field.type) for field in kind)
@@ -89,7 +89,7 @@ def elements(name: str, column: Any, refused: dict[str, str]) -> Iterator[tuple[
 
 
 def all_names(file: Any) -> list[str]:
-    """Return the columns of a Parquet file with the elements of its vectors.
+    """Return a Parquet file's columns with its vectors' elements.
 
     Parameters
     ----------

@@ -127,7 +127,7 @@ def _even(recording: Recording, values: Array) -> tuple[Array, float]:
 
 
 def _spectra(axes: Any, measured: Recording, curves: Sequence[tuple[str, Any, Array]], noise: float) -> None:
-    """Draw the spectra of the measurement, the first curve, and of the residuals."""
+    """Draw the spectra of the measurement (first) and the residuals."""
     truth, highest = curves[0][2], 0.0
     for name, look, values in curves:
         even, rate = _even(measured, truth if name == "measured" else truth - values)

@@ -134,7 +134,7 @@ def axis_label(channel: Channel, *, power: str = "") -> str:
 
 
 def readable(channel: Channel, largest: float) -> tuple[float, str]:
-    """Return the factor and unit in which values of a channel read well.
+    """Return factor and unit for legible values of a channel.
 
     Parameters
     ----------

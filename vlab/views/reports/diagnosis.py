@@ -482,7 +482,7 @@ def _files(done: Done, files: ExtendedModelFiles) -> Section:
 
 
 def _without_vlab(files: ExtendedModelFiles) -> list[Section]:
-    """Return the section on the files for MuJoCo alone, if there are any."""
+    """Return the section on files for MuJoCo alone, if any."""
     title, answer = "The answer without vlab", files.mujoco
     if answer is None:
         why = f"The answer could not be written for MuJoCo alone: {files.mujoco_note}."

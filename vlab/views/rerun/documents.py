@@ -93,7 +93,7 @@ def log_document(stream: Any, text: str) -> None:
 def response_pictures(
     measured: FrequencyResponse | None, analytical: FrequencyResponse | None
 ) -> list[tuple[str, Any, bytes]]:
-    """Return entity, view and image of the first pairs of output and input.
+    """Return entity, view and image of the first channel pairs.
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ class Motion:
     def of(
         cls, structure: Structure, plant: Plant, result: Result, *, since: int = 0, until: int | None = None
     ) -> "Motion":
-        """Return the motion of a plant's points at configurations from `since` to `until`."""
+        """Return points' motion at configurations from `since` to `until`."""
         names, part = tuple(p.name for p in structure.point if p.name in plant.ports), slice(since, until)
         deflections = port_deflections(plant, result.frames[part], names)
         times, steps = result.frame_times[part], frame_steps(result)[part]

@@ -1,4 +1,4 @@
-"""Rerun scenes: an arranged `.rrd` file of the moving structure beside its traces.
+"""Rerun scenes: the moving structure beside its traces.
 
 The file is written and closed; no process starts and nothing is sent. Traces hold every sample. The picture moves at
 the rate of the stored configurations. Timelines are ``sim_time`` [s] and ``step``, the sample number.

@@ -68,7 +68,7 @@ class SpectrumScene:
         return out
 
     def log(self, stream: Any, recording: Recording, *, since: int = 0, until: int | None = None) -> None:
-        """Log the spectra that end after the sample `since` and not after `until`."""
+        """Log the spectra that end after `since` and by `until`."""
         ends = self.ends(len(recording) if until is None else until, since)
         indexes = time_columns(recording.time[ends - 1], ends - 1)
         for k, channel in enumerate(self.channels):

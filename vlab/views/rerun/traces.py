@@ -1,4 +1,4 @@
-"""Traces in a Rerun scene: every sample, one plot per kind and unit."""
+"""Traces in a Rerun scene, one plot per kind and unit."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -70,7 +70,7 @@ def _groups(recording: Recording) -> dict[tuple[str, str], list[Channel]]:
 
 
 def log_traces(stream: Any, recording: Recording, *, since: int = 0, until: int | None = None) -> None:
-    """Log all channels of a recording from the sample `since` to before `until`."""
+    """Log a recording's channels from sample `since` to before `until`."""
     part = slice(since, until)
     for i, channels in enumerate(_groups(recording).values()):
         labels = [f"{channel_label(c)} [{pretty_unit(c.unit)}]" for c in channels]

@@ -19,7 +19,7 @@ _SETTLED_S = 1.0
 
 
 def start_viewer(rrd: Path | None = None, *, port: int = PORT, quiet: bool = False) -> subprocess.Popen[bytes]:
-    """Start a viewer with a file, or one that waits for a run.
+    """Start a viewer with a file, or for a run.
 
     Parameters
     ----------
