@@ -270,7 +270,7 @@ def has_plausible_parameters(fit: Fit) -> bool:
 
 
 def is_plausible_beside_noise(fit: Fit) -> bool:
-    """Return whether a fit's uncertain parameters are plausible if its residual is noise of any colour.
+    """Return whether parameters are plausible beside noise of any colour.
 
     Coloured noise moves the fitted parameters by more than white noise of the same size. The test adds this sampling
     variance to the prior variance.
