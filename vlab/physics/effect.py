@@ -176,6 +176,11 @@ class Effect(ABC):
         return FAMILIES.get(self.family, Family(name=self.family))
 
     @property
+    def acts_in_drive(self) -> bool:
+        """Whether the effect changes the force that a sensor of the actuator's force reads."""
+        return self.kind == "actuator" or "servo" in self.needs or "coil" in self.needs
+
+    @property
     def needs_rest(self) -> bool:
         """Whether the law is plausible at an element with a position of rest only."""
         return self.traits.needs_rest or "magnet" in self.needs

@@ -112,6 +112,28 @@ class Uncertain:
         return difference if self.shifted else np.expm1(np.clip(difference, -REDUCED_MODEL.most, REDUCED_MODEL.most))
 
 
+def of_actuators(parameters: Sequence[Uncertain]) -> Array:
+    """Return which parameters change the forces of actuators alone.
+
+    Parameters
+    ----------
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+
+    Returns
+    -------
+    (n_changes,) array of bool
+        Whether a parameter is one of an actuator.
+    """
+    return np.array(
+        [
+            p.actuator is not None or (bool(p.fields) and all(name.startswith("actuator_") for name, _ in p.fields))
+            for p in parameters
+        ],
+        dtype=bool,
+    )
+
+
 def uncertain_parameters(
     plant: Plant, given: Mapping[str, float], channels: Sequence[str], actuators: Sequence[int]
 ) -> list[Uncertain]:
