@@ -47,7 +47,7 @@ larger ratio means large motion.
 ENOUGH [1]: rms residual, relative to the recording's deviation from rest, above which the estimate is refined."""
 STAGES = (0.06, 0.25, 1.0)
 """STAGES [1]: successive window lengths of a local start, as shares of the window."""
-LOCAL, HOPELESS = 0.05, 0.2
+LOCAL, HOPELESS = 0.002, 0.2
 """LOCAL [1]: rms residual, relative to the recording's deviation from rest, above which a local start is tried if all
 joints are measured.
 HOPELESS [1]: same if joints are unmeasured; a linear estimate above the limit is not refined."""

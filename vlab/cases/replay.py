@@ -138,8 +138,9 @@ class Bench:
         mujoco.mj_forward(model, data)
         if physics is not None and physics.ports is not None:
             data.qfrc_applied[:] = self.applied
-            physics.ports.look(data, physics.force)
+            readings = physics.ports.look(data, physics.force)
             mujoco.mj_forwardSkip(model, data, int(mujoco.mjtStage.mjSTAGE_VEL), 0)
+            data.sensordata += readings
 
     def apply(self, data: mujoco.MjData, loads: Loads) -> None:
         """Apply port forces and prescribed motion at the state of some data."""

@@ -12,6 +12,7 @@ from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.settings import GAP, PROBLEM, VERDICT
 from vlab.diagnose.validation.gap import Distance, gap_closed, predicts_better, total, verifying
 from vlab.diagnose.validation.simulation import Checked
+from vlab.physics.small_signal import is_linear
 
 
 def errors_of(checked: Sequence[Checked]) -> dict[str, float]:
@@ -292,6 +293,12 @@ def _accepts(fit: Fit, departure: float) -> bool:
     return bool(departure <= stats.chi2.ppf(1.0 - VERDICT.false_alarm_rate, max(fit.theta.size, 1)))
 
 
+def _is_like_mesh_error(choice: Choice) -> bool:
+    """Return whether all effects are linear elements of the structure."""
+    effects = [term.effect for term in choice.best.terms]
+    return bool(effects) and all(effect.kind == "port" and is_linear(effect) for effect in effects)
+
+
 def decide_verdict(
     choice: Choice,
     checked: Sequence[Checked],
@@ -304,7 +311,8 @@ def decide_verdict(
     """Return the verdict on the checked recordings.
 
     A residual counts as coloured noise only beside a calibrated model with plausible parameters. Implausible parameters
-    show that the model lacks something, and short recordings show the coherence of a residual poorly.
+    show that the model lacks something, and short recordings show the coherence of a residual poorly. A residual within noise
+    and mesh error shows no linear element: wrong masses and stiffnesses of a mesh act like one.
 
     Parameters
     ----------
@@ -330,6 +338,8 @@ def decide_verdict(
         return "bad-recording"
     errors = errors_of(checked)
     unexplained = _shows("before", errors, is_structure=is_structure)
+    if is_structure and not unexplained and not seen.is_missing and _is_like_mesh_error(choice):
+        return "nothing-missing"
     if not seen.is_missing and is_of_the_fit_alone(checked, fitted, is_structure=is_structure):
         return "none-of-these"
     if (choice.best.terms or seen.is_missing) and closes_gap(checked, is_structure=is_structure):

@@ -25,6 +25,7 @@ from vlab.physics.effect import (
     Values,
 )
 from vlab.plants.base import Plant, Port
+from vlab.plants.effort_sensors import effort_rows
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
 
@@ -147,6 +148,8 @@ class PortForces:
             else:
                 self._laws.append((i, a.effect, {k: float(v) for k, v in a.values.items()}, _source(plant, a)))
                 self._memory.append(a.effect.memory(()))
+        self._in_drive = np.array([a.effect.acts_in_drive for a, _ in lines], dtype=bool)
+        self._efforts = effort_rows(model)
         self._last = np.zeros(n)
         """Forces of the laws in the last step. A force changes little in a step, so the last force stands for an
         unknown present one."""
@@ -159,9 +162,23 @@ class PortForces:
         """
         self._memory, self._last = self._add(data, commands)
 
-    def look(self, data: Any, commands: Array) -> None:
-        """Add the port forces and leave the memory unchanged."""
-        self._add(data, commands)
+    def look(self, data: Any, commands: Array) -> Array:
+        """Add the port forces and leave the memory unchanged.
+
+        Parameters
+        ----------
+        data : MjData
+            State with kinematics and controls.
+        commands : array
+            Commands, (n_actuators,).
+
+        Returns
+        -------
+        (nsensordata,) array
+            What sensors of actuator forces read of them: laws within a drive act as port forces here.
+        """
+        forces = self._add(data, commands)[1] * self._in_drive
+        return np.asarray(self._efforts @ (forces @ self._rows))
 
     def _solve(self, data: Any) -> None:
         """Solve for the motion per force of every row.

@@ -233,13 +233,13 @@ class LeastSquares:
     ) -> Array:
         """Return channels (n, n_sets, n_runs, p) after sensor gains and sensor effects."""
         gains = self.reduced_model.gains(theta)[1]
-        with np.errstate(over="ignore"):  # a diverged trial
+        with np.errstate(over="ignore", invalid="ignore"):  # the residual of a diverged trial is clipped
             y *= gains[:, None, :]
-        for term, own in zip(terms, values, strict=True):
-            if isinstance(term.effect, PickUp):
-                mix(y, term, own, runs)
-            elif isinstance(term.effect, SensorEffect):
-                self._sense(y, term.effect, term.place.index, gains, own, runs)
+            for term, own in zip(terms, values, strict=True):
+                if isinstance(term.effect, PickUp):
+                    mix(y, term, own, runs)
+                elif isinstance(term.effect, SensorEffect):
+                    self._sense(y, term.effect, term.place.index, gains, own, runs)
         return y
 
     def _sense(

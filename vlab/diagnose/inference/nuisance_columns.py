@@ -13,7 +13,11 @@ Through = Callable[[Group, Array | None, Array | None], Array]
 
 
 def columns_of_changes(
-    reduced_model: ReducedModel, groups: Sequence[Group], forces: Callable[[Group], Array], through: Through
+    reduced_model: ReducedModel,
+    groups: Sequence[Group],
+    forces: Callable[[Group], Array],
+    readings: Callable[[Group], Array],
+    through: Through,
 ) -> Array:
     """Return the columns of the uncertain parameters.
 
@@ -25,6 +29,8 @@ def columns_of_changes(
         Filtered runs.
     forces : callable
         Forces (n, n_runs, m, n_changes) of a batch per unit parameter.
+    readings : callable
+        Direct readings (n, n_runs, p, n_changes) of a batch per unit parameter.
     through : callable
         Innovations' response to forces and channel additions.
 
@@ -36,7 +42,7 @@ def columns_of_changes(
     blocks, changes = [], reduced_model.changes
     sensors = [(i, change.sensor) for i, change in enumerate(changes) if change.sensor is not None]
     for group in groups:
-        reading = np.zeros((*group.y.shape, len(changes)))
+        reading = readings(group)
         for i, sensor in sensors:
             reading[..., sensor, i] = group.y[..., sensor]
         for shift in reduced_model.shifts:

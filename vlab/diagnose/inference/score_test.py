@@ -120,7 +120,9 @@ class ScoreTest:
         self.now = replace(self.reduced_model, M=M, C=C, K=K, forces=forces, rows=rows)
         self.groups = [self._group([run for run in self.runs if run.h == h]) for h in periods]
         e = np.concatenate([g.rows(g.e[..., None])[:, 0] for g in self.groups])
-        changes = columns_of_changes(self.reduced_model, self.groups, self.changed_forces, self.through)
+        changes = columns_of_changes(
+            self.reduced_model, self.groups, self.changed_forces, self.changed_readings, self.through
+        )
         nuisance = np.hstack([changes, columns_of_offsets(self.groups, self.through)])
         precision = np.concatenate([1.0 / np.maximum(self.reduced_model.prior, 1e-9) ** 2, 1.0 / self.offset_sd**2])
         present = np.concatenate([self.theta, np.zeros(len(self.offset_sd))])
@@ -230,6 +232,10 @@ class ScoreTest:
             Modal forces.
         """
         return modal_forces_of_changes(group, self.reduced_model, self.now.forces, self.theta)
+
+    def changed_readings(self, group: Group) -> Array:
+        """Return readings (n, n_runs, p, n_changes) of unit parameters, of the forces of actuators alone."""
+        return np.zeros((*group.y.shape, len(self.reduced_model.changes)))
 
     @property
     def offset_sd(self) -> Array:

@@ -121,6 +121,8 @@ class TrajectoryLeastSquares(LeastSquares):
         self.t = self._cut(pad_and_stack([c.time for c in screen.moving.trajectories]))
         self.read = self._cut(pad_and_stack([a.read for a in screen.systems]))
         self.changes = self._cut(screen.changes)
+        self.efforts = screen.efforts
+        self.in_drive = np.array([p.is_of_actuator for p in self.problem.parameters], dtype=bool)
         self.v = self._cut(pad_and_stack([a.motion.v for a in screen.systems]))
         self._lines: dict[str, tuple[Array, Array, Array, Array]] = {}
         self._paths: dict[tuple[str, int], Path] = {}
@@ -239,7 +241,7 @@ class TrajectoryLeastSquares(LeastSquares):
         laws = [self._law(term, self._calibrated(term, own, theta), G, steps) for term, own in acting]
         laws.sort(key=lambda law: (not law.is_linear, law.is_last))
         drive = np.einsum("kwan,kswn->kswa", G, drive, optimize=True)
-        seen = bool(np.any(self.D))
+        seen = bool(np.any(self.D) or np.any(self.efforts))
         graphs = trace_laws(laws)
         if graphs is None:
             states = self._as_written(laws, A, drive, starts, forces, steps, seen=seen)
@@ -249,7 +251,10 @@ class TrajectoryLeastSquares(LeastSquares):
             )
         y = self.read[:, None] + np.einsum("kwpa,kswa->kswp", self.C, states, optimize=True)
         if seen:
-            y += np.einsum("kwpn,kswn->kswp", self.D, forces, optimize=True)
+            nv = self.reduced_model.m
+            y += np.einsum("kwpn,kswn->kswp", self.D, forces[..., :nv], optimize=True) + self.moving.read_late(
+                forces[..., nv:]
+            )
         return np.asarray(
             np.clip(
                 np.nan_to_num(y, nan=TRAJECTORY_INTEGRATION.far),
@@ -285,14 +290,18 @@ class TrajectoryLeastSquares(LeastSquares):
     def _drive(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, Array]], n_sets: int
     ) -> tuple[Array, Array]:
-        """Return generalised forces on deviations, and on sensors."""
+        """Return forces on deviations, and those with direct readings."""
         own = relative_changes(self.problem.parameters, theta - self.moving.theta)
-        forces = np.einsum("kwni,si->kswn", self._changes_beside(terms), own, optimize=True)
+        changes = self._changes_beside(terms)
+        forces = np.einsum("kwni,si->kswn", changes, own, optimize=True)
+        in_drive = np.einsum("kwni,si->kswn", changes[..., self.in_drive], own[:, self.in_drive], optimize=True)
         for term, given in zip(terms, values, strict=True):
             if isinstance(term.effect, ActuatorEffect):
                 for i in term.place.indices:
-                    forces += self._actuated(term.effect, i, given, n_sets)
-        return forces, forces.copy()
+                    changed = self._actuated(term.effect, i, given, n_sets)
+                    forces += changed
+                    in_drive += changed
+        return forces, np.concatenate([forces, in_drive @ self.efforts.T], axis=-1)
 
     def _calibrated(self, term: Term, own: Mapping[str, Array], theta: Array) -> Mapping[str, Array]:
         """Return a term's values with the law's own calibrated numbers."""
@@ -317,7 +326,7 @@ class TrajectoryLeastSquares(LeastSquares):
             self._paths[term.place.name, steps] = path
         command = None if term.place.coil is None else self._cut(self.moving.commands(term.place.coil))
         memory = self._remembered(term, own) if term.effect.is_force else None
-        return Law(term, own, path, self.t, command, memory)
+        return Law(term, own, path, self.t, command, memory, self.efforts)
 
     def _remembered(self, term: Term, own: Mapping[str, Array]) -> Any:
         """Return a law's memory at every window's start."""

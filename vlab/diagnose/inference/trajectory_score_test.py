@@ -75,6 +75,8 @@ class TrajectoryScoreTest(ScoreTest):
     """Parts of every run within which small errors grow little."""
     changes: Array
     """Generalised forces (n, n_runs, nv, n_changes) per unit uncertain log factor."""
+    efforts: Array
+    """Readings (p, nv) per generalised force of the actuators."""
     now_known: Array
     """Deviations (n, n_runs, 2 nv) given the samples up to their own."""
     next_known: Array
@@ -147,6 +149,7 @@ class TrajectoryScoreTest(ScoreTest):
         )
         self.motions = [system.motion for system in self.systems]
         self.lines, self._limits, self._cache = {}, {}, ScreeningCache()
+        self.efforts = self.stepper.efforts
         self.changes = self._changes()
         self._linearise()
 
@@ -313,6 +316,16 @@ class TrajectoryScoreTest(ScoreTest):
         """See `ScoreTest`; the forces follow from inverse dynamics."""
         return self.changes
 
+    def changed_readings(self, group: Group) -> Array:
+        """See `ScoreTest`; effort sensors read the actuators' forces."""
+        of_actuators = np.array([p.is_of_actuator for p in self.problem.parameters], dtype=bool)
+        return self.read_late(self.efforts @ (self.changes * of_actuators))
+
+    def read_late(self, readings: Array) -> Array:
+        """Return direct readings (n, ...) of intervals at the samples, behind held commands."""
+        is_behind = all(trajectory.is_behind for trajectory in self.moving.trajectories)
+        return np.concatenate([readings[:1], readings[:-1]]) if is_behind else readings
+
     # ---- places along the motion ------------------------------------------------------------------------------------
 
     def lines_of(self, place: Place) -> Lines:
@@ -367,8 +380,13 @@ class TrajectoryScoreTest(ScoreTest):
         """See `ScoreTest`; forces act along directions that turn with the motion."""
         if place.kind in ("sensor", "pick-up"):
             return super().effect_responses(group, place, plans)
-        modal = [self._forces(group, place, effect, shape) for effect, shape in plans]
-        return self.through(group, np.concatenate(modal, axis=-1), None), [part.shape[-1] for part in modal]
+        parts = [self._forces(group, place, effect, shape) for effect, shape in plans]
+        modal = np.concatenate(parts, axis=-1)
+        reading = None
+        if np.any(self.efforts):
+            in_drive = [float(effect.acts_in_drive) * part for (effect, _), part in zip(plans, parts, strict=True)]
+            reading = self.read_late(self.efforts @ np.concatenate(in_drive, axis=-1))
+        return self.through(group, modal, reading), [part.shape[-1] for part in parts]
 
     def cause_responses(self, group: Group, causes: Sequence[Sequence[Cause]]) -> tuple[Array, list[int]]:
         """See `ScoreTest`; a time-varying system has no impulse response."""

@@ -92,6 +92,12 @@ class Uncertain:
         """Whether the value may be zero, with a normal prior."""
         return self.kind in VANISHING
 
+    @property
+    def is_of_actuator(self) -> bool:
+        """Whether the parameter changes the force of an actuator alone."""
+        fields = [name for name, _ in self.fields]
+        return self.actuator is not None or (bool(fields) and all(name.startswith("actuator_") for name in fields))
+
     def apply(self, model: Any, value: float) -> None:
         """Change the model's values in place.
 

@@ -12,6 +12,7 @@ from vlab.cases.initial_state import joint_of
 from vlab.diagnose.predictors.actuator_states import lags_of
 from vlab.diagnose.settings import STEP_JACOBIAN
 from vlab.plants.base import Plant, Port
+from vlab.plants.effort_sensors import effort_rows
 from vlab.signals import Array
 
 
@@ -44,6 +45,8 @@ class Stepper:
         """Channels per position and velocity, (p, 2 nv), where all of them are joint motions; else None."""
         self._address = self.model.jnt_qposadr[self.model.dof_jntid] if self.at_state is not None else np.zeros(0, int)
         self._taps = _sensor_rows(plant, self.channels)
+        self.efforts = _effort_rows(plant, self.channels)
+        """Readings (p, nv) per generalised force of the actuators; zero for channels other than efforts."""
         self._sees_forces = any(
             c.order == 2 or (c.sensor is not None and _needs_acceleration(self.model, plant, c.sensor))
             for c in self.channels
@@ -304,6 +307,14 @@ def _sensor_rows(plant: Plant, channels: Sequence[Compared]) -> Array | None:
         if channel.sensor is None:
             return None
         out[i, list(plant.sensors[channel.sensor].addresses)] = 1.0
+    return out
+
+
+def _effort_rows(plant: Plant, channels: Sequence[Compared]) -> Array:
+    rows, out = effort_rows(plant.model), np.zeros((len(channels), plant.model.nv))
+    for i, channel in enumerate(channels):
+        if channel.sensor is not None:
+            out[i] = rows[list(plant.sensors[channel.sensor].addresses)].sum(axis=0)
     return out
 
 

@@ -87,7 +87,7 @@ def linearise_along(
         act = None if trajectory.act is None else trajectory.act[k]
         L[k], M[k], by_control, sensors = stepper.slopes(q, v, u, load, act)
         drives[k] = M[k] @ (by_control @ columns)
-        read[k], C[k], D[k] = stepper.reading(q, v, u, load, act, M[k], sensors)
+        read[k], C[k], D[k] = stepper.reading(q, v, *trajectory.present(k), act, M[k], sensors)
         q1, v1 = stepper.advance(q, v, u, load, float(trajectory.h[k]), act)
         if k + 1 < n:
             defect[k] = np.concatenate([stepper.between(q1, motion.q[k + 1]), motion.v[k + 1] - v1])

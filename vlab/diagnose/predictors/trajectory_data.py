@@ -9,6 +9,7 @@ from scipy.interpolate import make_smoothing_spline
 from vlab.cases.channel_map import Run
 from vlab.cases.initial_state import begins_at_rest, joint_of
 from vlab.cases.linear_start import exponentials
+from vlab.cases.replay_inputs import before
 from vlab.diagnose.data.noise import known_noise, noise_level, uneven_noise
 from vlab.diagnose.data.quality import is_informative, on_clock
 from vlab.diagnose.data.runs import liveliest, on_grid
@@ -33,6 +34,10 @@ class TrajectoryData:
         Intervals to the next sample [s], the last one repeated.
     u, load : (n, n_actuators), (n, n_ports) array
         Means of the inputs over the intervals.
+    now_u, now_load : (n, n_actuators), (n, n_ports) array
+        Inputs at the samples, as sensors of forces and accelerations see them. A sensor is read before a held command changes.
+    is_behind : bool
+        Whether all commands are held, so that readings of their forces are one sample behind them.
     act : (n, na) array or None
         Actuator states.
     y : (n, p) array
@@ -51,6 +56,9 @@ class TrajectoryData:
     h: Array
     u: Array
     load: Array
+    now_u: Array
+    now_load: Array
+    is_behind: bool
     act: Array | None
     y: Array
     noise: Array
@@ -60,6 +68,10 @@ class TrajectoryData:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def present(self, k: int) -> tuple[Array, Array]:
+        """Return commands and direct forces at a sample."""
+        return self.now_u[k], self.now_load[k]
 
     def inputs(self, k: int) -> tuple[Array, Array]:
         """Return commands and direct forces of an interval."""
@@ -119,19 +131,27 @@ def read_trajectory_data(
     )  # actuator states start at zero
     grid, y = grid[part], y[part]
     edges = np.append(grid, grid[-1] + (grid[-1] - grid[-2]))
-    u, load = np.zeros((len(grid), n_actuators)), np.zeros((len(grid), len(load_ports)))
-    for drive in run.drives:
-        mean = _means(time, run.measured[drive.channel], drive.is_held, edges)
-        if drive.actuator is not None:
-            u[:, drive.actuator] += mean
-        else:
-            load[:, list(load_ports).index(drive.port)] += mean
-    if commands is not None:
-        u += np.column_stack([_means(time, column, True, edges) for column in commands.T])
     orders = [_order(stepper, i, run) for i in range(y.shape[1])]
     slow = np.array([order < 2 for order in orders])
     is_driven = bool(run.drives) or commands is not None
     starts = is_driven and begins_at_rest(y - rest, slow, stepper.plant)
+    stood = run.initial != "rest" and not starts
+    inputs, now = (
+        np.zeros((len(grid), n_actuators + len(load_ports))),
+        np.zeros((len(grid), n_actuators + len(load_ports))),
+    )
+
+    def add(column: int, values: Array, *, is_held: bool, is_first: bool) -> None:
+        inputs[:, column] += _means(time, values, is_held, edges)
+        present = before(values, stood=stood) if is_held and not is_first else values
+        now[:, column] += np.interp(grid, time, present)
+
+    for drive in run.drives:
+        at = n_actuators + list(load_ports).index(drive.port) if drive.actuator is None else drive.actuator
+        add(at, run.measured[drive.channel], is_held=drive.is_held, is_first=drive.is_first)
+    for i, column in enumerate([] if commands is None else commands.T):
+        add(i, column, is_held=True, is_first=False)
+    u, load = inputs[:, :n_actuators], inputs[:, n_actuators:]
     valid = is_informative(run, stepper.channels)
     usable = on_clock(run, valid, grid) if is_even else valid[part]
     scale = np.std(y, axis=0)
@@ -142,6 +162,9 @@ def read_trajectory_data(
         h=np.diff(edges),
         u=u,
         load=load,
+        now_u=now[:, :n_actuators],
+        now_load=now[:, n_actuators:],
+        is_behind=all(drive.is_held and not drive.is_first for drive in run.drives),
         act=actuator_states(stepper.plant, u, np.diff(edges)) if stepper.model.na else None,
         y=y,
         noise=np.array(
@@ -258,7 +281,7 @@ def _filtered(trajectory: TrajectoryData, stepper: Stepper, q: Array, v: Array, 
         act = None if trajectory.act is None else trajectory.act[k]
         for _ in range(3 if k == 0 else 1):  # iterate the first update, since the prior may be far off
             L, M, _, sensors = stepper.slopes(q, v, u, load, act)
-            here, C, _ = stepper.reading(q, v, u, load, act, M, sensors)
+            here, C, _ = stepper.reading(q, v, *trajectory.present(k), act, M, sensors)
             gain = np.linalg.solve(C @ P @ C.T + R, C @ P).T
             change = gain @ (trajectory.y[k] - here)
             q, v = stepper.moved(q, change[:nv]), v + change[nv:]

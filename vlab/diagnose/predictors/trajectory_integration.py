@@ -82,8 +82,8 @@ def integrate_trajectory(
         Motion minus the model's prediction at the next sample.
     starts : (n_sets, n_windows, 2 nv) array
         Initial deviations.
-    forces : (n, n_sets, n_windows, nv) array
-        Generalised forces, overwritten; empty without force-dependent channels.
+    forces : (n, n_sets, n_windows, nv + p) array
+        Generalised forces and direct readings, overwritten; empty without force-dependent channels.
     steps : int
         Steps per sample interval.
 
@@ -114,7 +114,7 @@ def integrate_trajectory(
     )
     acting = (
         together([padded(law.into, (0,)) for law in laws], lines, n, n_windows, size),
-        together([padded(law.middle, (0,)) for law in laws], lines, n, n_windows, size // 2),
+        together([padded(law.seen, (0,)) for law in laws], lines, n, n_windows, forces.shape[-1]),
         together([padded(law.gain, (2, 3)) for law in laws], n, n_windows, lines, lines),
         together([law.reach[..., 0, 0] for law in laws], n, n_windows),
     )
@@ -162,7 +162,7 @@ def _integrate(
 ) -> None:  # pragma: no cover - compiled
     A, drive, defect = system
     rows, at_z, at_v, weight = paths
-    into, middle, gain, reach = acting
+    into, seen, gain, reach = acting
     lengths, times, commands = clock
     operations, bounds, firsts, stored, recalled = graphs
     n, n_sets, n_windows, size = drive.shape
@@ -252,8 +252,8 @@ def _integrate(
                                 free[s, w, a] += force[s, w, i] * into[law, i, k, w, a]
                         if j == 0 and forces.shape[0] > 0:
                             for i in range(count):
-                                for a in range(m):
-                                    forces[k, s, w, a] += force[s, w, i] * middle[law, i, k, w, a]
+                                for a in range(seen.shape[4]):
+                                    forces[k, s, w, a] += force[s, w, i] * seen[law, i, k, w, a]
             for s in range(n_sets):
                 for w in range(n_windows):
                     for a in range(size):

@@ -120,10 +120,19 @@ class Law:
         Command of the actuator along the port.
     memory : list or None
         Memory at the windows' starts.
+    efforts : (p, nv) array
+        Readings per generalised force of the actuators.
     """
 
     def __init__(
-        self, term: Term, own: Mapping[str, Array], path: Path, t: Array, command: Array | None, memory: Any
+        self,
+        term: Term,
+        own: Mapping[str, Array],
+        path: Path,
+        t: Array,
+        command: Array | None,
+        memory: Any,
+        efforts: Array,
     ) -> None:
         self.effect, self.path, self.t, self.command, self.memory = term.effect, path, t, command, memory
         self.p = {name: np.asarray(value)[:, None] for name, value in own.items()}
@@ -134,7 +143,10 @@ class Law:
         m = path.rows.shape[-1]
         middle = 0.5 * (path.rows[0] + path.rows[-1])
         into = np.einsum("kwan,lkwn->lkwa", path.G, middle, optimize=True)
-        self.middle, self.into = middle, into
+        self.into = into
+        readings = np.einsum("lkwn,pn->lkwp", middle, efforts if term.effect.acts_in_drive else 0.0 * efforts)
+        self.seen = np.concatenate([middle, readings], axis=-1)
+        """Generalised forces and direct readings (k, n, n_windows, nv + p) of unit forces."""
         self.gain = np.einsum("lkwn,ikwn->kwli", path.rows[-1], into[..., m:], optimize=True)
         self.reach = np.einsum("lkwn,ikwn->kwli", path.rows[-1], into[..., :m], optimize=True)
         self.dof = _single_joint(path.rows[0, 0]) if self.is_single else None
@@ -157,16 +169,16 @@ class Law:
 
         Returns
         -------
-        (n_sets, n_windows, nv) array
-            Generalised force.
+        (n_sets, n_windows, nv + p) array
+            Generalised force and direct readings.
         """
         if not self.is_single:
             force = self._impeded(k, j, x, free)
             free += np.einsum("lwa,swl->swa", self.into[:, k], force)
-            return np.einsum("lwn,swl->swn", self.middle[:, k], force)
+            return np.einsum("lwn,swl->swn", self.seen[:, k], force)
         scalar = self._force(k, j, x, free)[..., None]
         free += scalar * self.into[0, k]
-        return np.asarray(scalar * self.middle[0, k])
+        return np.asarray(scalar * self.seen[0, k])
 
     def _force(self, k: int, j: int, x: Array, free: Array) -> Array:
         path, m = self.path, x.shape[-1] // 2

@@ -71,20 +71,27 @@ class ForwardSelection:
         if self._goes_on([*out, self.before]) and not any(h.is_one_law for h in out):
             out += in_all_joints(self.candidates, self._fitted, self.before.long_fit)
         best = by_score([*out, self.before])[0]
-        level = [best if best.is_one_law else self.before]
-        while self._goes_on([*out, self.before]) and len(level[0].terms) < FORWARD_SELECTION.most_effects:
+        # the uncertain parameters absorb what else is missing, so their prior says little about the law
+        one_law = sorted((h for h in out if h.is_one_law), key=lambda h: -(h.score + h.negative_log_prior))[:1]
+        for start in [best] if best.is_one_law else [*one_law, self.before]:
+            out = self._from(start, out)
+        return best_of_labels(out)
+
+    def _from(self, start: Hypothesis, known: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Return hypotheses with those of a selection that begins with a start."""
+        out, level, most = list(known), [start], len(start.terms) + FORWARD_SELECTION.most_effects
+        while self._goes_on([*out, self.before]) and len(level[0].terms) < most:
             further = by_score(*(self._beside(seed) for seed in self._seeds(level)))
             count = len(level[0].terms) + 1
-            known = [h for h in out if len(h.terms) == count]
-            larger = best_of_labels([*further, *known])
+            larger = best_of_labels([*further, *(h for h in out if len(h.terms) == count)])
             if not larger:
                 break
             is_better = gain_beyond(larger[0], level[0]) > 0.0
             out += further
-            if not is_better and count > 1:  # one of two effects alone may explain nothing
+            if not is_better and count > len(start.terms) + 1:  # one of two effects alone may explain nothing
                 break
             level = larger
-        return best_of_labels(out)
+        return out
 
     def _goes_on(self, hypotheses: Sequence[Hypothesis]) -> bool:
         """Return whether there is time, and the best hypothesis leaves too much of whole runs."""
@@ -173,7 +180,8 @@ def in_all_joints(
 def laws_in_all_joints(candidates: Sequence[Candidate]) -> list[list[Candidate]]:
     """Return the law of the largest gain over all joints.
 
-    Its other forms that gain as much are included. Every parameter costs what it costs in the evidence.
+    Its other forms that gain as much and the plainest form are included, since the score test of a law is approximate.
+    Every parameter costs what it costs in the evidence.
 
     Parameters
     ----------
@@ -196,7 +204,8 @@ def laws_in_all_joints(candidates: Sequence[Candidate]) -> list[list[Candidate]]
     best = max(found, key=_gain_of_law)
     family, gain = best[0].effect.family, sum(c.log_likelihood_gain for c in best)
     forms = [law for law in found if law[0].effect.family == family]
-    return [law for law in forms if sum(c.log_likelihood_gain for c in law) >= gain]
+    plainest = min(forms, key=lambda law: (len(law[0].effect.parameters), -_gain_of_law(law)))
+    return [law for law in forms if law is plainest or sum(c.log_likelihood_gain for c in law) >= gain]
 
 
 def _gain_of_law(law: Sequence[Candidate]) -> float:

@@ -71,6 +71,11 @@ class Effect(ABC):
         return FAMILIES.get(self.family, Family(name=self.family))
 
     @property
+    def acts_in_drive(self) -> bool:
+        """Whether a sensor of the actuator's force reads the effect."""
+        return self.kind == "actuator" or "servo" in self.needs or "coil" in self.needs
+
+    @property
     def needs_rest(self) -> bool:
         """Whether the law needs an element with a position of rest."""
         return self.traits.needs_rest or "magnet" in self.needs
