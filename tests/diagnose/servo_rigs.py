@@ -80,22 +80,27 @@ class Arm:
         gravity = np.array([weight + second.mass * first.length * GRAVITY * np.sin(q[0]) + below, below])
         return np.linalg.solve(mass, torque - coriolis - gravity)
 
-    def angles(self, commands: np.ndarray, drives: tuple[Drive, ...]) -> np.ndarray:
-        """Return the angles (n, joints) under held commands (n, joints), from rest at zero."""
+    def motion(self, commands: np.ndarray, drives: tuple[Drive, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """Return angles and torques of the servos (n, joints) under held commands (n, joints), from rest at zero.
+
+        The torques are logged before the commands of their rows are sent.
+        """
         h, n = 1.0 / RATE / STEPS, len(self.links)
-        x, out = np.zeros(2 * n), np.zeros(commands.shape)
+        x, out, efforts, last = np.zeros(2 * n), np.zeros(commands.shape), np.zeros(commands.shape), np.zeros(n)
 
         def rate(state: np.ndarray, command: np.ndarray) -> np.ndarray:
             return np.concatenate([state[n:], self.acceleration(state[:n], state[n:], command, drives)])
 
         for k, command in enumerate(commands):
             out[k] = x[:n]
+            efforts[k] = [d.force(*numbers) for d, *numbers in zip(drives, last, x[:n], x[n:], strict=True)]
+            last = command
             for _ in range(STEPS):
                 a = rate(x, command)
                 b = rate(x + 0.5 * h * a, command)
                 c = rate(x + 0.5 * h * b, command)
                 x = x + h / 6 * (a + 2 * b + 2 * c + rate(x + h * c, command))
-        return out
+        return out, efforts
 
     @property
     def mjcf(self) -> str:
@@ -113,9 +118,11 @@ class Arm:
             f'forcerange="-{d.limit} {d.limit}"/>'
             for name, d in zip(self.names, self.drives, strict=True)
         )
+        sensors = "".join(f'<actuatorfrc name="{name}_effort" actuator="{name}_servo"/>' for name in self.names)
         return f"""<mujoco><compiler angle="radian" autolimits="true"/>
           <option timestep="0.001" gravity="0 0 -{GRAVITY}" integrator="implicitfast"/>
-          <worldbody>{bodies}{"</body>" * len(self.links)}</worldbody><actuator>{servos}</actuator></mujoco>"""
+          <worldbody>{bodies}{"</body>" * len(self.links)}</worldbody><actuator>{servos}</actuator>
+          <sensor>{sensors}</sensor></mujoco>"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,27 +197,36 @@ def servo_case(
     parameters: dict[str, float] | None = None,
     uncertain: dict[str, float] | None = None,
     train: Train | None = None,
+    effort_noise: float | None = None,
     seed: int = 0,
 ) -> Rig:
     """Write a case of an arm whose true drives are `hidden`; the model's own drives where there are none.
 
-    A `train` stands between motor and lever.
+    A `train` stands between motor and lever. With `effort_noise`, the servos' torques are logged with that share of noise.
     """
     arm, rng = ARMS[arm_name], np.random.default_rng([seed, len(arm_name)])
     drives = tuple(hidden) or arm.drives
     records = []
     for name, role in (("one", "fit"), ("two", "fit"), ("three", "holdout")):
         commands = commands_of(arm, rng)
-        true = arm.angles(commands, drives) if train is None else train.angles(arm, commands)
+        if train is None:
+            true, efforts = arm.motion(commands, drives)
+        else:
+            true, efforts = train.angles(arm, commands), np.zeros(commands.shape)
         read = true + NOISE * rng.standard_normal(commands.shape)
         columns = {f"{n}_cmd": commands[:, j] for j, n in enumerate(arm.names)}
         columns |= {f"{n}_pos": read[:, j] for j, n in enumerate(arm.names)}
+        if effort_noise is not None:
+            efforts = efforts + effort_noise * np.std(efforts, axis=0) * rng.standard_normal(efforts.shape)
+            columns |= {f"{n}_effort": efforts[:, j] for j, n in enumerate(arm.names)}
         records.append(Record(name=name, role=role, columns=columns, rate_hz=RATE))
     channels = [
         Channel(column=f"{n}_cmd", at=f"{n}_servo", kind="command", unit="rad", is_input=True, hold="zero")
         for n in arm.names
     ]
     channels += [Channel(column=f"{n}_pos", at=f"joint:{n}", kind="angle", unit="rad") for n in arm.names]
+    if effort_noise is not None:
+        channels += [Channel(column=f"{n}_effort", at=f"{n}_effort", kind="moment", unit="N m") for n in arm.names]
     write_case(
         folder, title="An arm on servos", mjcf=arm.mjcf, uncertain=uncertain or {}, channels=channels, records=records
     )

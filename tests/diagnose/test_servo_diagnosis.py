@@ -100,7 +100,7 @@ def test_the_arms_are_those_of_mujoco(name):
     # the rig's closed form against MuJoCo's recursive dynamics, to the error of its steps of 1 ms
     arm = ARMS[name]
     commands = commands_of(arm, np.random.default_rng(3))[:200]
-    here, model = arm.angles(commands, arm.drives), mujoco.MjModel.from_xml_string(arm.mjcf)
+    here, model = arm.motion(commands, arm.drives)[0], mujoco.MjModel.from_xml_string(arm.mjcf)
     data, there = mujoco.MjData(model), np.zeros(here.shape)
     for k, command in enumerate(commands):
         there[k], data.ctrl[:] = data.qpos, command

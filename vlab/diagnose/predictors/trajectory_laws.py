@@ -120,8 +120,8 @@ class Law:
         Command of the actuator along the port.
     memory : list or None
         Memory at the windows' starts.
-    efforts : (p, nv) array
-        Readings per generalised force of the actuators.
+    efforts : (p, nv) array or None
+        Readings per generalised force of the actuators; none by default.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class Law:
         t: Array,
         command: Array | None,
         memory: Any,
-        efforts: Array,
+        efforts: Array | None = None,
     ) -> None:
         self.effect, self.path, self.t, self.command, self.memory = term.effect, path, t, command, memory
         self.p = {name: np.asarray(value)[:, None] for name, value in own.items()}
@@ -144,6 +144,7 @@ class Law:
         middle = 0.5 * (path.rows[0] + path.rows[-1])
         into = np.einsum("kwan,lkwn->lkwa", path.G, middle, optimize=True)
         self.into = into
+        efforts = np.zeros((0, middle.shape[-1])) if efforts is None else efforts
         readings = np.einsum("lkwn,pn->lkwp", middle, efforts if term.effect.acts_in_drive else 0.0 * efforts)
         self.seen = np.concatenate([middle, readings], axis=-1)
         """Generalised forces and direct readings (k, n, n_windows, nv + p) of unit forces."""
