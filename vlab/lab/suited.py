@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from vlab.errors import BadRecording
+from vlab.errors import BadRecording, BadStructure
 from vlab.hardware import load_hardware
 from vlab.lab.excitation import build_excitation
+from vlab.lab.model_bench import BenchExcitation
 from vlab.lab.plant_modes import plant_modes
 from vlab.lab.run_folder import RunSettings
 from vlab.physics.attach import attach
@@ -31,6 +32,9 @@ DECAYED = 0.05
 PERIODS = 4
 """PERIODS [1]: number of periods, blocks or blows. The modal test averages the second half of the periods; the estimate of
 coherence needs four blocks."""
+LINES = 20
+"""LINES [1]: fewest lines of a periodic signal in the band of a user's model. Fewer lines make a signal that repeats itself
+within its period."""
 LOW_HZ, HIGH_HZ = 0.5, 60.0
 """LOW_HZ, HIGH_HZ [Hz]: band in which the slowest mode of a release is looked for, as the band of other excitations."""
 SHARE = 0.05
@@ -89,26 +93,44 @@ def suited(settings: RunSettings) -> Suited:
     name, _, written = settings.excite.partition(":")
     if settings.law or name not in RULES:
         return Suited(settings=settings)
-    band = {"low_hz": settings.low_hz, "high_hz": settings.high_hz}
-    excitation = build_excitation(settings.excite, **({} if name == "release" else band))
-    low, high = getattr(excitation, "low_hz", LOW_HZ), getattr(excitation, "high_hz", HIGH_HZ)
-    plant = build_plant(load_structure(settings.structure), settings.plant, settings.variant)
-    code = settings.named_code
-    plant = attach(plant, [parse_effect(text, code=code) for text in settings.effect])
+    plant, low, high = _bench(settings, name)
     outputs = [tap.name for tap in plant.sensors]
     try:
         modes = plant_modes(plant, outputs, low_hz=low, high_hz=high)
-    except BadRecording:  # no mode in the band
+    except (BadRecording, BadStructure):  # no mode in the band, or no linearisation
         return Suited(settings=settings)
     tau = 1 / (2 * np.pi * modes.freq * modes.zeta)
     slowest = int(np.argmax(tau))
     stated = {key.strip() for key, _, _ in (part.partition("=") for part in written.split(","))} - {""}
+    if settings.is_own_model and not 0 < tau.min() <= tau.max() < settings.seconds:
+        return Suited(settings=settings)  # unstable, or without damping
     found = RULES[name](settings, float(tau[slowest]), stated)
+    if settings.is_own_model:  # the levels follow from the model, see `vlab.lab.model_bench`
+        least = float(np.ceil(LINES / (high - low)))
+        if found.period_s is not None and settings.period_s is None and found.period_s < least:
+            found = replace(found, period_s=least, seconds=PERIODS * least)
+        return Suited(settings=found, hz=float(modes.freq[slowest]), tau_s=float(tau[slowest]))
     if settings.level is None and "level" not in stated and name in TRAVELS:
         hardware = load_hardware(settings.hardware or None, settings.hardware_values)
         travel = TRAVELS[name](_receptance(plant, settings), found)
         found = replace(found, level=float(f"{SHARE * hardware.velocity_sensor.linear_range / travel:.2g}"))
     return Suited(settings=found, hz=float(modes.freq[slowest]), tau_s=float(tau[slowest]))
+
+
+def _bench(settings: RunSettings, name: str) -> tuple[Plant, float, float]:
+    """Return the plant of a run with its effects, and the excited band [Hz]."""
+    if settings.is_own_model:
+        prepared = settings.prepare()
+        signal = prepared.experiment.excitation
+        excitation: Any = signal.parts[0] if isinstance(signal, BenchExcitation) else signal
+        plant = prepared.plant
+    else:
+        band = {"low_hz": settings.low_hz, "high_hz": settings.high_hz}
+        excitation = build_excitation(settings.excite, **({} if name == "release" else band))
+        plant = build_plant(load_structure(settings.structure), settings.plant, settings.variant)
+        code = settings.named_code
+        plant = attach(plant, [parse_effect(text, code=code) for text in settings.effect])
+    return plant, getattr(excitation, "low_hz", LOW_HZ), getattr(excitation, "high_hz", HIGH_HZ)
 
 
 def _periodic(settings: RunSettings, tau: float, stated: set[str]) -> RunSettings:
