@@ -80,8 +80,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--at",
         default=default.at,
-        help="excite at this coil; for a dwell several, COIL,COIL (default: exciter of the structure; own model: every "
-        "actuator with a random signal, the first with sines)",
+        help="excite at this coil; COIL,COIL: a dwell at both, any other signal in turn (default: exciter of the structure, "
+        "and in turn the coils that see its nodes; own model: every actuator with a random signal, the first with sines)",
     )
     parser.add_argument(
         "--level",

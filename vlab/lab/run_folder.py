@@ -21,7 +21,7 @@ from vlab.files.output_folder import write_manifest
 from vlab.files.toml import Reader
 from vlab.hardware import Hardware, load_hardware
 from vlab.hardware.interlock import Fault, power_up_as_told
-from vlab.lab.excitation import build_excitation, forces_at
+from vlab.lab.excitation import Dwell, InTurn, Release, build_excitation, forces_at
 from vlab.lab.experiment import Experiment, Result, run_experiment
 from vlab.lab.laws import named_law
 from vlab.lab.model_bench import bench_excitation, bench_hardware, bench_law, bench_plant, check_settings, is_model_file
@@ -195,6 +195,8 @@ class RunSettings:
         plant.substeps(hardware.converter.rate)
         at = self.at or structure.exciter
         places = [plant.actuator_index(place) for place in at.split(",")]
+        if len(places) > 1 and not isinstance(excitation, (Dwell, Release)):
+            excitation = InTurn(signal=excitation, actuators=len(places), turn_s=self.seconds / len(places))
         forces_at(excitation, np.zeros(1), len(places))
         return self._prepared(structure, hardware, plant, law, (excitation, at), faults)
 

@@ -23,6 +23,12 @@ from vlab.signals import Array, ComplexArray, FrequencyResponse, ModalModel
 FREQ_TOLERANCE, ZETA_TOLERANCE = 0.01, 0.05
 """FREQ_TOLERANCE [1]: relative frequency change up to which a pole is stable between orders.
 ZETA_TOLERANCE [1]: same for the damping ratio. Both values are customary for stabilisation charts."""
+TOP_POLES, MOST_POLES, PER_POLE, ENOUGH = 60, 240, 4, 0.01
+"""TOP_POLES [1]: poles at the highest order of the first chart, conjugates included.
+MOST_POLES [1]: the same for data with many modes, enough for some 50. Raising the value takes longer.
+PER_POLE [1]: poles of the chart per pole of the fit, below which the order is raised; customary are 2 to 5 times.
+ENOUGH [1]: relative residual that needs no higher order if all poles are sure; the proportional error of measured
+responses."""
 GHOST_MAC = 0.8
 """GHOST_MAC [1]: MAC above which two poles within one line are one mode and its leakage."""
 
@@ -166,7 +172,8 @@ def estimate_poles(
     band_hz : (low, high)
         Band of used lines and reported modes [Hz]; all by default.
     orders : sequence of int
-        Model orders of the chart, about 2 to 5 times the number of modes; by default every second from 4 to 60.
+        Model orders of the chart, about 2 to 5 times the number of modes; by default every second from 4 to 60. Data with
+        many modes raise the default to 240, where that halves the residual or makes more poles sure.
     n_modes : int
         Largest number of reported modes: the first ones in the band. Less confident poles fill the number, by
         significance. None for as many as the data support.
@@ -196,12 +203,24 @@ def estimate_poles(
        2003.
     """
     used, step = _checked(frf, sample_rate, band_hz)
-    wanted = _checked_orders(orders, used)
     problem = FitProblem(used, step, residual_powers, known_variance(used))
-    charts = [plscf_chart(problem, wanted)]
-    state = fit_partial_fractions(problem, persistent_poles(charts[0], problem.omega), n_modes)
-    charts.append(plscf_chart(problem, wanted, state.poles))
-    return _report(used, problem, state, charts, wanted, n_modes, min_confidence)
+
+    def estimate(wanted: Sequence[int]) -> PoleEstimate:
+        charts = [plscf_chart(problem, wanted)]
+        state = fit_partial_fractions(problem, persistent_poles(charts[0], problem.omega), n_modes)
+        charts.append(plscf_chart(problem, wanted, state.poles))
+        return _report(used, problem, state, charts, wanted, n_modes, min_confidence)
+
+    if orders is not None:
+        return estimate(_checked_orders(orders, used))
+    best = estimate(_default_orders(used, TOP_POLES))
+    is_crowded = PER_POLE * (best.freq.size + best.n_nuisance) >= TOP_POLES
+    if is_crowded and (best.residual > ENOUGH or best.n_nuisance):
+        more = estimate(_default_orders(used, MOST_POLES))
+        is_surer = more.freq.size > best.freq.size and more.residual < 1.1 * best.residual
+        if is_surer or more.residual < best.residual / 2:
+            return more
+    return best
 
 
 def _checked(
@@ -229,12 +248,20 @@ def _checked(
     return used, 0.0 if sample_rate is None else 1 / sample_rate
 
 
-def _checked_orders(orders: Sequence[int] | None, used: FrequencyResponse) -> list[int]:
-    """Return ascending orders within the number of lines."""
+def _most_order(used: FrequencyResponse) -> int:
+    return (2 * used.freq.size - 2) // (2 * (len(used.inputs) + 1))
+
+
+def _default_orders(used: FrequencyResponse, top: int) -> list[int]:
+    """Return the orders up to a number of poles of all inputs."""
     n_in = len(used.inputs)
-    limit = (2 * used.freq.size - 2) // (2 * (n_in + 1))
-    if orders is None:
-        return list(range(2 if n_in > 1 else 4, max(6, min(60 // n_in, limit)) + 1, 2 if n_in < 4 else 1))
+    last = max(6, min(top // n_in, _most_order(used)))
+    return list(range(2 if n_in > 1 else 4, last + 1, 2 if n_in < 4 else 1))
+
+
+def _checked_orders(orders: Sequence[int], used: FrequencyResponse) -> list[int]:
+    """Return ascending orders within the number of lines."""
+    limit = _most_order(used)
     chosen = sorted({int(n) for n in orders})
     if not chosen or chosen[0] < 2 or chosen[-1] > limit:
         raise BadRecording(f"orders {list(orders)} must be from 2 to {limit}, which {used.freq.size} lines can carry")
