@@ -227,7 +227,8 @@ def test_a_diagnosis_of_the_recordings_names_the_effect_in_the_bench(capsys, arm
     effect = ["--effect", "coulomb-friction@joint:elbow_flex:force=0.05", "--noise", "1e-4"]
     for seed, folder in enumerate(runs):
         assert run(capsys, "experiment", arm, *effect, "--seed", str(seed), "--out", folder)[0] == 0
-    _, out, _ = run(capsys, "diagnose", arm, *runs, "--out", str(tmp_path / "d"), "--json")
+    status, out, err = run(capsys, "diagnose", arm, *runs, "--out", str(tmp_path / "d"), "--json")
+    assert status == 0, err
     (finding,) = json.loads(out)["findings"]
     assert (finding["effect"], finding["place"]) == ("coulomb-friction", "joint:elbow_flex")
     low, high = finding["parameters"]["force"]["ci90"]
