@@ -27,11 +27,15 @@ WEIGHTS = ("identity", "energy")
 """Kinds of weights."""
 
 
+IN_UNITS = ("q", "r", "v1", "v2", "alpha")
+"""IN_UNITS: requirements whose value depends on the units of state, force and time."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Asked:
     """Requirements of a design.
 
-    Weights, noise and margin are in inches, pounds and centiseconds, as published.
+    Weights, noise and margin are in inches, pounds and centiseconds, as published, except those named in `si`.
 
     Parameters
     ----------
@@ -51,6 +55,8 @@ class Asked:
         Seed of the random starts.
     rate : float
         Sample rate of a law with states [Hz].
+    si : frozenset of str
+        Names among q, r, v1, v2 and alpha of the values in SI.
     """
 
     weights: Literal["identity", "energy"] = "identity"
@@ -66,6 +72,7 @@ class Asked:
     starts: int | None = None
     seed: int = 0
     rate: float = lqg.RATE
+    si: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         if self.weights not in WEIGHTS:
@@ -343,5 +350,6 @@ def in_a_loop(design: Design) -> LinearController:
 
 
 def as_plain(asked: Asked) -> dict[str, Any]:
-    """Return requirements as plain data."""
-    return {field.name: getattr(asked, field.name) for field in fields(asked)}
+    """Return requirements as plain data, with the units of weights, noise and margin."""
+    units = {name: "m, N, s" if name in asked.si else "in, lbf, cs" for name in IN_UNITS}
+    return {f.name: getattr(asked, f.name) for f in fields(asked) if f.name != "si"} | {"units": units}

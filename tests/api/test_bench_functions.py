@@ -57,12 +57,22 @@ def test_a_design_is_the_one_of_the_command(capsys, tmp_path):
     assert (made.save(tmp_path / "design") / "design.json").is_file()
 
 
+def test_a_design_states_the_units_of_what_was_asked(capsys):
+    status, out, err = run(capsys, "design", "beam", "--law", "lqr", "--r", "0.01")
+    assert (status, err) == (0, "")
+    assert "q = 1 (in, lbf, cs), r = 0.01 (m, N, s)" in out
+    printed = vlab.design("beam", "lqr", r=0.22, units="published").document
+    assert printed["performance_indices"] == pytest.approx(vlab.design("beam", "lqr").document["performance_indices"])
+    assert set(printed["asked"]["units"].values()) == {"in, lbf, cs"}
+
+
 @pytest.mark.parametrize(
     ("call", "error"),
     [
         (lambda: vlab.design("beam", ""), BadDesign),
         (lambda: vlab.design("beam", "mfdrf", with_delay=True), BadDesign),
         (lambda: vlab.design("beam", "lqq"), VlabError),
+        (lambda: vlab.design("beam", "lqr", units="imperial"), VlabError),
         (lambda: vlab.experiment("beam", seed=-1), BadExperiment),
         (lambda: vlab.modal_test("none.csv"), VlabError),
     ],

@@ -170,7 +170,7 @@ def test_an_error_of_the_search_leaves_the_drafted_case(capsys, monkeypatch, arm
         (["diagnose", "arm.xml"], "draft a case: vlab init arm.xml LOG..."),
         (["compare", "arm.xml"], "draft a case: vlab init arm.xml LOG..."),
         (["check", "arm.xml"], "draft a case: vlab init arm.xml LOG..."),
-        (["experiment", "arm.xml"], "this is XML, such as a MuJoCo model"),
+        (["modes", "arm.xml"], "this is XML, such as a MuJoCo model"),
         (["compare", "run1.csv"], "this is a recording, and a case is a TOML file"),
         (["diagnose", "."], "there is no case.toml in this folder; draft one: vlab init MODEL.xml LOG... --out ."),
         (["diagnose", "case.toml", "run1.csv"], "case.toml is a case, which names its recordings itself"),

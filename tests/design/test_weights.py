@@ -1,13 +1,17 @@
 """The published weights in SI: the same design, whatever the units it is computed in."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from vlab.controllers.catalogue import IN_UNITS, Asked, requested_of
 
 from vlab.design.riccati import kalman_filter, lqr
 from vlab.design.state_model import state_model
-from vlab.design.weights import Noise, Weights, energy_weights, identity_weights, published_noise
+from vlab.design.weights import Noise, Weights, energy_weights, identity_weights, noise_of, published_noise, weights_of
 from vlab.errors import BadDesign
 from vlab.fe.reduced import build_reduced_model
+from vlab.structure import load_structure
 
 INCH, LBF, CS = 0.0254, 4.4482216152605, 0.01
 
@@ -43,6 +47,26 @@ def test_the_filter_is_that_of_a_design_in_inches_and_centiseconds(model):
     assert noise.alpha == pytest.approx(20.0)  # 0.2 per centisecond
     K = size[:, None] * ours.K * INCH  # rate of the states per velocity: the two units of time cancel
     assert pytest.approx(theirs.K, abs=1e-6 * np.abs(theirs.K).max()) == K
+
+
+def test_factors_in_si_weigh_the_states_of_the_model_themselves(model):
+    asked = Asked(q=3.0, r=0.02, v1=1e-5, v2=1e-4, alpha=2.0, modes=2, shapes=2, si=frozenset(IN_UNITS))
+    weights, noise, n = weights_of(asked, model), noise_of(asked, model), len(model.A)
+    np.testing.assert_allclose(weights.Q, 3.0 * np.eye(n))
+    np.testing.assert_allclose(weights.R, 0.02 * np.eye(3))
+    np.testing.assert_allclose(noise.V1, 1e-5 * np.eye(n))
+    np.testing.assert_allclose(noise.V2, 1e-4 * np.eye(3))
+    assert noise.alpha == 2.0
+
+
+def test_each_factor_has_units_of_its_own(model):
+    """R converts by a plain factor, so the same R in SI and in pounds and centiseconds is the same design."""
+    printed = requested_of(load_structure("beam"), "full")
+    in_si = replace(printed, r=printed.r / LBF**2 / CS, alpha=printed.alpha / CS, si=frozenset({"r", "alpha"}))
+    a, b = weights_of(printed, model), weights_of(in_si, model)
+    np.testing.assert_allclose(a.Q, b.Q, rtol=1e-12)
+    np.testing.assert_allclose(a.R, b.R, rtol=1e-12)
+    assert noise_of(in_si, model).alpha == pytest.approx(noise_of(printed, model).alpha)
 
 
 def test_energy_weights_are_twice_the_energy(model):

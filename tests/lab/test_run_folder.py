@@ -158,7 +158,7 @@ def test_code_that_is_typed_is_run(folder, capsys):
     assert "--code is for --plan" in err
 
 
-LOADERS = ("effect_named", "parse_effect", "named_law")
+LOADERS = ("effect_named", "parse_effect", "named_law", "bench_law")
 """Functions that run code where their name is one of code, unless `code` says which the user named."""
 
 
@@ -183,6 +183,7 @@ def test_every_caller_says_whose_code_a_name_may_run():
     assert silent == []
     assert direct == {
         "named_law": ("load_user_law", True),
+        "bench_law": ("load_user_law", True),
         "effect_named": ("_users_own", True),
         "load_user_law": ("class_from_file", False),
         "_users_own": ("class_from_file", False),

@@ -41,6 +41,9 @@ from vlab.lab.robustness import robustness_report
 from vlab.structure import load_structure
 from vlab.structure.model import Structure
 
+UNITS = ("si", "published")
+"""UNITS: systems of units of weights, noise and margin."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DesignedLaw:
@@ -148,10 +151,11 @@ def design(
     with_delay: bool = False,
     robustness: bool = False,
     array: bool = False,
+    units: Literal["si", "published"] = "si",
 ) -> DesignedLaw:
     """Design a control law, or judge a finished one.
 
-    None means the value of the published design. Weights, noise and margin are in inches, pounds and centiseconds.
+    None means the value of the published design, which is in inches, pounds and centiseconds.
 
     Parameters
     ----------
@@ -184,6 +188,9 @@ def design(
         Whether margins of the sampled loop are computed.
     array : bool
         Whether the law is checked on the array controller.
+    units : str
+        Units of the given q, r, v1, v2 and alpha: ``"si"``, with states in m, m/s, rad and rad/s, forces in N and time in s;
+        or ``"published"``, in inches, pounds and centiseconds.
 
     Returns
     -------
@@ -205,14 +212,18 @@ def design(
     if with_delay and law not in laws_with_delay():
         known = ", ".join(laws_with_delay())
         raise BadDesign(f"the delay is for the law {known}; {law!r} has no model that the delay could be in")
+    if units not in UNITS:
+        raise unknown_name("units", units, UNITS, where="design")
     begun = time.perf_counter()
+    in_units = {"q": q, "r": r, "v1": v1, "v2": v2, "alpha": alpha}
+    si = frozenset(name for name, value in in_units.items() if value is not None and units == "si")
     if is_given(law):
-        given = {"weights": weights, "q": q, "r": r, "modes": modes}
+        given = {"weights": weights, "q": q, "r": r, "modes": modes, "si": si}
         made = _judge(built, law, model or "full", variant, rate_hz, given)
     else:
         changes = {
-            "weights": weights, "q": q, "r": r, "v1": v1, "v2": v2, "alpha": alpha, "damping": damping, "modes": modes,
-            "shapes": shapes, "starts": starts, "seed": seed, "rate": rate_hz, "kind": objective,
+            "weights": weights, **in_units, "damping": damping, "modes": modes, "shapes": shapes, "starts": starts,
+            "seed": seed, "rate": rate_hz, "kind": objective, "si": si,
         }  # fmt: skip
         made = _design(built, law, model, variant, changes, with_delay=with_delay)
     made.document["seconds"] = time.perf_counter() - begun

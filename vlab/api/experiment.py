@@ -40,12 +40,12 @@ def experiment(
     overwrite: bool = False,
     progress: Progress = True,
 ) -> DoneRun:
-    """Simulate an experiment on a structure, with the defaults of ``vlab experiment``.
+    """Simulate an experiment on a structure or a model, with the defaults of ``vlab experiment``.
 
     Parameters
     ----------
     structure : str
-        Built-in structure (``"beam"``, ``"grid"``) or structure file.
+        Built-in structure (``"beam"``, ``"grid"``), structure file, or MJCF file of a model of your own.
     law : str
         Control law in the loop: a published name, a ``controller.toml``, ``"path/to/law.py:CLASS"`` or ``"entry:NAME"``;
         none by default.
@@ -56,9 +56,10 @@ def experiment(
     excite : str
         Excitation, with settings as ``"NAME:setting=value,..."``.
     at : str
-        Coil of the excitation; the exciter of the structure by default.
+        Coil of the excitation; the exciter of the structure by default. Of a model of your own, actuators with commas
+        between; all by default.
     level : float, optional
-        Level of the excitation [N]; that of the excitation by default.
+        Level of the excitation [N, or the actuator's unit]; from the plant by default.
     band_hz : (low, high), optional
         Excited band [Hz].
     period_s : float, optional

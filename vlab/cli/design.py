@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from vlab import units
-from vlab.api.design import design
+from vlab.api.design import UNITS, design
 from vlab.api.law_argument import file_of
 from vlab.cli.common import Outcome, add_seed, text_table
 from vlab.cli.destination import add_out, check_out
@@ -43,7 +43,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("v2", "set V2 = v2 I"),
         ("alpha", "set the stability margin of the filter"),
     ):
-        parser.add_argument(f"--{name}", type=float, help=f"{what}, in inches, pounds and centiseconds{published}")
+        parser.add_argument(f"--{name}", type=float, help=f"{what}, in the units of --units{published}")
+    parser.add_argument(
+        "--units",
+        choices=UNITS,
+        default="si",
+        help="read --q, --r, --v1, --v2 and --alpha in m, N and s (si, default), or in inches, pounds and centiseconds "
+        "(published)",
+    )
     parser.add_argument(
         "--damping", type=float, help=f"bound the damping ratio of the first modes from below [-]{published}"
     )
@@ -97,7 +104,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     check_out(arguments, read=[arguments.structure, file_of(arguments.law)])
     same = (
         "variant", "weights", "q", "r", "v1", "v2", "alpha", "damping", "modes", "shapes", "objective", "starts", "seed",
-        "with_delay", "robustness", "array",
+        "with_delay", "robustness", "array", "units",
     )  # fmt: skip
     settings = {name: getattr(arguments, name) for name in same}
     made = design(arguments.structure, arguments.law, model=arguments.model or "", rate_hz=arguments.rate, **settings)
@@ -108,9 +115,19 @@ def run(arguments: argparse.Namespace) -> Outcome:
     return Outcome(document=document, text=_text(made.structure.title, document))
 
 
+def _asked_text(asked: dict[str, Any]) -> str:
+    """Return weights, noise and margin with their units."""
+    names = [name for name in asked["units"] if name != "q" or asked["weights"] == "identity"]
+    weights = "Q = q I" if asked["weights"] == "identity" else "Q = diag(M, K)"
+    each = ", ".join(f"{name} = {asked[name]:g} ({asked['units'][name]})" for name in names)
+    return f"{weights}, R = r I, V1 = v1 I, V2 = v2 I; {each}"
+
+
 def _text(title: str, document: dict[str, Any]) -> str:
     objective = document["objective"]
     lines = [f"{in_line(title)}: {document['law']} on the {document['model']} model, {document['seconds']:.2f} s", ""]
+    if "asked" in document:
+        lines[1:1] = [_asked_text(document["asked"])]
     gains = document["gains"]
     if gains["unit"] == "N s/m":
         D = units.from_si(np.array(gains["D"]), PRINTED, "N s/m")

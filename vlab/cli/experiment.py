@@ -17,6 +17,7 @@ from vlab.errors import BadExperiment
 from vlab.fe.reduced import MODELS
 from vlab.hardware.interlock import ORDER
 from vlab.lab.excitation import EXCITATIONS
+from vlab.lab.model_bench import bench_words
 from vlab.lab.plan import DonePlan, Plan, load_plan, perform_plan
 from vlab.lab.run_folder import DoneRun, RunSettings
 from vlab.lab.suited import Suited, suited
@@ -30,7 +31,11 @@ RUN_OUT, PLAN_OUT = "out/run", "out/plan"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments, those of `RunSettings`."""
     default = RunSettings(structure="beam")
-    parser.add_argument("structure", nargs="?", help="simulate this built-in structure (beam, grid) or structure file")
+    parser.add_argument(
+        "structure",
+        nargs="?",
+        help="simulate this built-in structure (beam, grid), structure file, or MJCF model of your own (.xml)",
+    )
     parser.add_argument(
         "--plan",
         metavar="PLAN.toml",
@@ -89,20 +94,21 @@ def _add_excitation(parser: argparse.ArgumentParser, default: RunSettings) -> No
     parser.add_argument(
         "--at",
         default=default.at,
-        help="excite at this coil; for a dwell several, COIL,COIL (default: exciter of the structure)",
+        help="excite at this coil; COIL,COIL: a dwell at both, any other signal in turn (default: exciter of the structure, "
+        "and in turn the coils that see its nodes; own model: every actuator with a random signal, the first with sines)",
     )
     parser.add_argument(
         "--level",
         type=float,
-        help="set the level of the excitation in N: rms, peak for sines and blows, static force for a release "
-        "(default: that of the excitation)",
+        help="set the level of the excitation in N, or the actuator's unit of an own model: rms, peak for sines and blows, "
+        "static force for a release (default: from the plant)",
     )
     parser.add_argument(
         "--band",
         type=float,
         nargs=2,
         metavar=("LOW", "HIGH"),
-        help="excite this band in Hz (default: that of the excitation)",
+        help="excite this band in Hz (default: that of the excitation; own model: up to twice its fastest pole)",
     )
     parser.add_argument(
         "--period",
@@ -124,13 +130,15 @@ def _add_loop(parser: argparse.ArgumentParser, default: RunSettings) -> None:
         type=float,
         help="simulate this duration in s (default: from the slowest mode of the plant; 60 with a law)",
     )
-    parser.add_argument("--rate", type=float, help="sample loop and recording at this rate in Hz (default 2000)")
+    parser.add_argument(
+        "--rate", type=float, help="sample loop and recording at this rate in Hz (default 2000; own model: every step)"
+    )
     add_seed(parser, "draw excitation and noise with this seed (default 0)", default=default.seed)
     parser.add_argument(
         "--noise",
         type=float,
         default=default.noise,
-        help="add noise of this rms in m/s to the velocity sensors (default 0)",
+        help="add noise of this rms in m/s to the velocity sensors; own model: to every sensor in its unit (default 0)",
     )
 
 
@@ -145,7 +153,9 @@ def _add_effects_and_hardware(parser: argparse.ArgumentParser, default: RunSetti
         "path/to/effect.py:ClassName@PLACE:...; may be repeated (default: none)",
     )
     parser.add_argument(
-        "--hardware", default=default.hardware, help="use this hardware file (default: that of the laboratory)"
+        "--hardware",
+        default=default.hardware,
+        help="use this hardware file (default: that of the laboratory; own model: ideal)",
     )
     parser.add_argument(
         "--set",
@@ -260,6 +270,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
     text += loop_text(document)
     text += period_text(prepared.experiment.excitation, settings.seconds)
     text += f"{fitting.words}\n" if fitting.words else ""
+    if settings.is_own_model and prepared.experiment.excitation is not None:
+        text += bench_words(prepared.experiment.excitation, prepared.plant, prepared.experiment.excite) + "\n"
     loop = "in the compiled loop" if done.result.is_compiled else "in the Python loop"
     text += (
         f"{settings.seconds:g} s simulated at {done.real_time_factor:.0f} x real time {loop}; {len(names)} channels: {', '.join(names)}\n"

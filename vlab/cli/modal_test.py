@@ -262,6 +262,8 @@ def _against_plant(
 
 
 def _same_plant(a: RunSettings, b: RunSettings) -> bool:
-    return load_structure(a.structure) == load_structure(b.structure) and all(
-        getattr(a, key) == getattr(b, key) for key in ("plant", "variant", "law", "effect")
-    )
+    if a.is_own_model or b.is_own_model:
+        same = Path(a.structure).read_bytes() == Path(b.structure).read_bytes()
+    else:
+        same = load_structure(a.structure) == load_structure(b.structure)
+    return same and all(getattr(a, key) == getattr(b, key) for key in ("plant", "variant", "law", "effect"))

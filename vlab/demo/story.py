@@ -24,6 +24,7 @@ from vlab.modal.poles import PoleEstimate, estimate_poles
 from vlab.reproduce.cross_check import CrossCheck, cross_check
 from vlab.reproduce.tables.registry import ReproducedTable, reproduce_tables
 from vlab.signals import Array, FrequencyResponse
+from vlab.structure import load_structure
 
 BAND = (0.3, 30.0)
 OPEN_LOOP_S = 120.0
@@ -129,9 +130,8 @@ def run_demo(folder: Path, *, seed: int = 0, progress: Callable[[str], None] = l
     settings = RunSettings(
         structure="beam", level=0.1, low_hz=BAND[0], high_hz=BAND[1], period_s=20.0, seconds=60.0, seed=1
     )
-    prepared = settings.prepare()
     progress("FE model against MuJoCo plants")
-    check = cross_check(prepared.structure)
+    check = cross_check(load_structure(settings.structure))
     progress("open-loop experiment")
     open_loop = _experiment("open loop", replace(settings, seconds=OPEN_LOOP_S).prepare())
     progress("experiment with the published MFDRF law in the loop")

@@ -92,6 +92,11 @@ class PublishedDesign:
     zeta_min: float
     index_modes: int
 
+    @property
+    def si(self) -> frozenset[str]:
+        """Names of the values in SI: none."""
+        return frozenset()
+
 
 @dataclass(frozen=True, kw_only=True)
 class _Tables:

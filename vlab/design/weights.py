@@ -32,6 +32,10 @@ class AskedWeights(Protocol):
     def r(self) -> float:
         """Factor of R."""
 
+    @property
+    def si(self) -> frozenset[str]:
+        """Names of the factors in SI; all others are in published units."""
+
 
 class AskedNoise(Protocol):
     """Noise and filter margin in published units."""
@@ -47,6 +51,10 @@ class AskedNoise(Protocol):
     @property
     def alpha(self) -> float:
         """Stability margin of the filter."""
+
+    @property
+    def si(self) -> frozenset[str]:
+        """Names of the factors in SI; all others are in published units."""
 
 
 INDEFINITE = 1e-10
@@ -90,6 +98,8 @@ class PublishedUnits:
 
 PUBLISHED_UNITS = PublishedUnits()
 """Centiseconds, inches and pounds."""
+SI_UNITS = PublishedUnits(time="s", length="m", force="N")
+"""Seconds, metres and newtons."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -206,15 +216,53 @@ def published_noise(
 
 
 def weights_of(asked: AskedWeights, model: StateModel) -> Weights:
-    """Return the required Q and R for a model's states."""
+    """Return the required Q and R for a model's states.
+
+    The energy Q = diag(M, K) has no factor and takes the units of R.
+
+    Parameters
+    ----------
+    asked : AskedWeights
+        Kind and factors of the weights.
+    model : StateModel
+        State model.
+
+    Returns
+    -------
+    Weights
+        Weights in SI.
+    """
+    of_r = _units_of(asked.si, "r")
     if asked.weights == "energy":
-        return energy_weights(model, asked.r)
-    return identity_weights(model, asked.q, asked.r)
+        return energy_weights(model, asked.r, of_r)
+    Q = identity_weights(model, asked.q, asked.r, _units_of(asked.si, "q")).Q
+    return Weights(Q=Q, R=_control_weight(model, asked.r, of_r))
 
 
 def noise_of(asked: AskedNoise, model: StateModel) -> Noise:
-    """Return the required noise and margin for a model's states."""
-    return published_noise(model, asked.v1, asked.v2, asked.alpha)
+    """Return the required noise and margin for a model's states.
+
+    Parameters
+    ----------
+    asked : AskedNoise
+        Factors of the intensities, and margin.
+    model : StateModel
+        State model.
+
+    Returns
+    -------
+    Noise
+        Noise in SI.
+    """
+    parts = {
+        name: published_noise(model, asked.v1, asked.v2, asked.alpha, _units_of(asked.si, name))
+        for name in ("v1", "v2", "alpha")
+    }
+    return Noise(V1=parts["v1"].V1, V2=parts["v2"].V2, alpha=parts["alpha"].alpha)
+
+
+def _units_of(si: frozenset[str], name: str) -> PublishedUnits:
+    return SI_UNITS if name in si else PUBLISHED_UNITS
 
 
 def checked_weight(given: ArrayLike, name: str, *, definite: bool) -> Array:

@@ -33,6 +33,8 @@ class SteppedSine(Banded):
         Number of frequencies in each zoom.
     zoom_dwell_s : float
         Duration of each zoom step [s]; 0 for `dwell_s`.
+    zoom_widths, zoom_dwells_s : tuple of float
+        Half width and duration of a step of each zoom, in place of the common ones.
     """
 
     steps: int = 20
@@ -42,6 +44,8 @@ class SteppedSine(Banded):
     zoom_width: float = 0.03
     zoom_steps: int = 11
     zoom_dwell_s: float = 0.0
+    zoom_widths: tuple[float, ...] = ()
+    zoom_dwells_s: tuple[float, ...] = ()
     freq: Array = field(init=False, repr=False, compare=False)
     duration: Array = field(init=False, repr=False, compare=False)
 
@@ -49,6 +53,11 @@ class SteppedSine(Banded):
         super().__post_init__()
         if self.steps < 1 or not self.dwell_s > 0 or min(self.zoom_dwell_s, self.least_cycles) < 0:
             raise BadExperiment(f"{self.steps} steps of {self.dwell_s} s make no stepped sine")
+        for name in ("zoom_widths", "zoom_dwells_s"):
+            if getattr(self, name) and len(getattr(self, name)) != len(self.zoom_hz):
+                raise BadExperiment(f"{name} has {len(getattr(self, name))} numbers for {len(self.zoom_hz)} zooms")
+        if not all(0 < width < 0.5 for width in self.zoom_widths) or not all(s > 0 for s in self.zoom_dwells_s):
+            raise BadExperiment("zoom_widths must lie between 0 and 0.5, and zoom_dwells_s above 0")
         outside = [f for f in self.zoom_hz if not self.low_hz <= f <= self.high_hz]
         if outside or not 0 < self.zoom_width < 0.5 or self.zoom_steps < 2:
             what = f"{outside[0]:g} Hz" if outside else f"{self.zoom_steps} steps of +-{self.zoom_width:g}"
@@ -58,22 +67,25 @@ class SteppedSine(Banded):
             )
         if self.steps + self.zoom_steps * len(self.zoom_hz) > MAX_STEPS:
             raise BadExperiment(f"more than {MAX_STEPS} frequencies; accepted: fewer steps")
-        freq, is_fine = self._schedule()
+        freq, asked = self._schedule()
         object.__setattr__(self, "freq", freq)
-        asked = np.where(is_fine, self.zoom_dwell_s or self.dwell_s, self.dwell_s)
         object.__setattr__(self, "duration", np.maximum(asked, self.least_cycles / freq))
 
     def _schedule(self) -> tuple[Array, Array]:
-        """Return ascending frequencies and a mask of zoom steps."""
+        """Return ascending frequencies [Hz] and asked durations of their steps [s]."""
         coarse = np.linspace(self.low_hz, self.high_hz, self.steps)
-        fine = [np.linspace(f - self.zoom_width * f, f + self.zoom_width * f, self.zoom_steps) for f in self.zoom_hz]
-        inside = [np.abs(coarse - f) <= self.zoom_width * f for f in self.zoom_hz]
+        widths = self.zoom_widths or (self.zoom_width,) * len(self.zoom_hz)
+        dwells = self.zoom_dwells_s or (self.zoom_dwell_s or self.dwell_s,) * len(self.zoom_hz)
+        zooms = list(zip(self.zoom_hz, widths, dwells, strict=True))
+        inside = [np.abs(coarse - f) <= width * f for f, width, _ in zooms]
         coarse = coarse[~np.any(inside, axis=0)] if inside else coarse
-        zoomed = np.concatenate(fine) if fine else np.zeros(0)
-        freq = np.concatenate([coarse, zoomed])
-        is_fine = np.arange(freq.size) >= coarse.size
+        fine = [np.linspace(f - width * f, f + width * f, self.zoom_steps) for f, width, _ in zooms]
+        freq = np.concatenate([coarse, *fine])
+        asked = np.concatenate(
+            [np.full(coarse.size, self.dwell_s), *(np.full(self.zoom_steps, seconds) for _, _, seconds in zooms)]
+        )
         freq, first = np.unique(freq, return_index=True)
-        return freq, is_fine[first]
+        return freq, asked[first]
 
     @property
     def seconds(self) -> float:

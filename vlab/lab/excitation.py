@@ -22,6 +22,7 @@ __all__ = [
     "Dwell",
     "Excitation",
     "Hammer",
+    "InTurn",
     "Multisine",
     "PseudoRandom",
     "Release",
@@ -91,6 +92,62 @@ def forces_at(excitation: Excitation, time: Array, actuators: int) -> Array:
             "a dwell needs as many forces as places, anything else drives one place a run"
         )
     return columns
+
+
+@dataclass(frozen=True, kw_only=True)
+class InTurn:
+    """One signal at several actuators, one after another.
+
+    Parameters
+    ----------
+    signal : Excitation
+        Signal of one actuator.
+    actuators : int
+        Number of actuators.
+    turn_s : float
+        Duration of each turn [s].
+    """
+
+    signal: Excitation
+    actuators: int
+    turn_s: float
+
+    @property
+    def level(self) -> float:
+        """Amplitude of the signal."""
+        return self.signal.level
+
+    @property
+    def period_s(self) -> float | None:
+        """Period of the signal in a turn [s], or None."""
+        return self.signal.period_s
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Signal description for the recording, with the duration of a turn."""
+        return {**self.signal.facts, "turn_s": self.turn_s}
+
+    def sample(self, time: Array) -> Array:
+        """Return the signals.
+
+        Parameters
+        ----------
+        time : array
+            Times [s].
+
+        Returns
+        -------
+        array
+            Signals in the actuators' unit, (n_times, n_actuators).
+        """
+        t = np.asarray(time, dtype=float)
+        turn = np.floor(t / self.turn_s + 1e-9).astype(int)
+        out = np.zeros((t.size, self.actuators))
+        for i in range(self.actuators):
+            here = turn == i
+            if here.any():
+                out[here, i] = self.signal.sample(t[here] - i * self.turn_s)
+        return out
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -175,11 +175,7 @@ def _pull(plant: Plant, data: Any, actuator: int, force: float) -> None:
 
     The linearised stiffness gives the deflection.
     """
-    mujoco.mj_forward(plant.model, data)
-    data.ctrl[:] = plant.control_matrix[:, actuator]
-    mujoco.mj_forward(plant.model, data)
-    load = data.qfrc_actuator.copy() * force
-    data.ctrl[:] = 0.0
+    load = plant.actuator_forces()[:, actuator] * force
     shape = np.linalg.lstsq(plant.linearise().K, load, rcond=1e-12)[0]
     mujoco.mj_integratePos(plant.model, data.qpos, shape, 1.0)
     mujoco.mj_forward(plant.model, data)

@@ -130,6 +130,7 @@ class ControlLoop:
         self.data = plant.new_data()
         n_actuators = len(plant.actuators)
         self._raw = np.zeros((samples, plant.model.nsensordata))
+        self._late = _late_addresses(plant.model)
         self.commands = np.zeros((samples, n_actuators))
         self.forces, self._over, self._done = np.zeros_like(self.added), np.zeros(n_actuators), 0
         self.frames = np.zeros((-(-samples // frame_every), plant.model.nq))
@@ -182,6 +183,8 @@ class ControlLoop:
             with control_callback(self.data, self._callback):
                 mujoco.mj_step(self.plant.model, self.data, nstep=steps)
         self._done += steps
+        if self._late.size and self._done == len(self.added) and self.substeps == 1:
+            self._raw[-1, self._late] = self.data.sensordata[self._late]
 
     @property
     def sampled(self) -> Array:
@@ -325,7 +328,7 @@ class ControlLoop:
         actuate, sense, push = self._attached()
         tick, per_step, n_steps = self._feedback(), 1.0 / plant.timestep, len(self.added)
         forces = np.zeros((substeps, len(plant.actuators)))  # one row a step, used once
-        last = -1
+        last, late = -1, self._late
 
         def callback(model: Any, data: Any) -> None:
             nonlocal last, forces
@@ -334,6 +337,8 @@ class ControlLoop:
                 return
             last = step
             sample, part = divmod(step, substeps)
+            if late.size and step and (step - 1) % substeps == 0:
+                raw[(step - 1) // substeps, late] = sensordata[late]
             if part == 0:
                 raw[sample] = sensordata
                 if sense is not None:
@@ -436,3 +441,14 @@ class ControlLoop:
                 force[braked] -= rows @ sensordata
 
         return limit_forces
+
+
+def _late_addresses(model: Any) -> Array:
+    """Return the indices in ``sensordata`` of accelerations and forces.
+
+    MuJoCo computes them at the end of a step, from state and forces at its start. A law sees them one step late. The
+    recording has them at their own time.
+    """
+    late = np.flatnonzero(model.sensor_needstage == mujoco.mjtStage.mjSTAGE_ACC)
+    parts = [np.arange(model.sensor_adr[i], model.sensor_adr[i] + model.sensor_dim[i]) for i in late]
+    return np.concatenate(parts) if parts else np.zeros(0, dtype=int)

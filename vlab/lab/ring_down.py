@@ -135,9 +135,9 @@ def _pole(hz: Sequence[float] | Array, zeta: Sequence[float] | Array) -> Complex
 def ring_down(prepared: PreparedRun, recording: Recording) -> tuple[Decay, ...]:
     """Return every mode's decay after a release.
 
-    Any other excitation gives an empty result.
+    Any other excitation and a user's model give an empty result.
     """
-    if not isinstance(prepared.experiment.excitation, Release):
+    if not isinstance(prepared.experiment.excitation, Release) or prepared.structure is None:
         return ()
     poles = loop_poles(prepared.fe_model(), prepared.law, prepared.hardware)
     return () if poles is None else decays(recording, poles)

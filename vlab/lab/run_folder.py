@@ -21,12 +21,14 @@ from vlab.files.output_folder import write_manifest
 from vlab.files.toml import Reader
 from vlab.hardware import Hardware, load_hardware
 from vlab.hardware.interlock import Fault, power_up_as_told
-from vlab.lab.excitation import build_excitation, forces_at
+from vlab.lab.excitation import Dwell, InTurn, Release, build_excitation, forces_at
 from vlab.lab.experiment import Experiment, Result, run_experiment
 from vlab.lab.laws import named_law
+from vlab.lab.model_bench import bench_excitation, bench_hardware, bench_law, bench_plant, check_settings, is_model_file
 from vlab.physics.attach import attach
 from vlab.physics.spec import parse_effect
 from vlab.plants import Plant, build_plant
+from vlab.plants.mjcf_guard import model_files
 from vlab.recordings import read_recording, write_recording
 from vlab.recordings.bound import RECORDING, STATED, check_run
 from vlab.signals import Recording
@@ -38,6 +40,8 @@ SETTINGS = "run.toml"
 """File name of the settings."""
 COPIES = {"structure": "structure.toml", "hardware": "hardware.toml", "law": "controller.toml"}
 """File name of each setting's copy in the run folder. A run folder's files are read from there only."""
+MODEL = "model"
+"""Folder of the copies of a user's MJCF file and of the files that the model names."""
 MOST_NOISE = 1e3
 """MOST_NOISE [m/s]: largest noise of a velocity sensor; above it squares overflow."""
 
@@ -109,14 +113,43 @@ class RunSettings:
         """
         found: dict[str, Any] = {}
         for key, given in self.named_files.items():
+            copy = self._copy_of(key)
             try:
-                found[key] = str(file_inside(COPIES[key], folder))
+                found[key] = str(file_inside(copy, folder))
             except NotInside as error:
                 raise BadRecording(
-                    f"{folder / SETTINGS}: {key} = {given!r} is read from {COPIES[key]} in the run folder, which {error}; "
+                    f"{folder / SETTINGS}: {key} = {given!r} is read from {copy} in the run folder, which {error}; "
                     "copy it there under that name"
                 ) from error
         return replace(self, **found)
+
+    @property
+    def is_own_model(self) -> bool:
+        """Whether the bench is a user's MJCF model."""
+        return is_model_file(self.structure)
+
+    def _copy_of(self, key: str) -> str:
+        """Return the place of a file's copy in the run folder."""
+        is_model = key == "structure" and self.is_own_model
+        return f"{MODEL}/{Path(self.structure).name}" if is_model else COPIES[key]
+
+    def copy_files(self, folder: Path) -> None:
+        """Copy all named files into a run folder.
+
+        Parameters
+        ----------
+        folder : Path
+            Run folder.
+        """
+        for key, name in self.named_files.items():
+            if key == "structure" and self.is_own_model:
+                source = Path(name).resolve()
+                for file in model_files(source, name):
+                    target = folder / MODEL / file.relative_to(source.parent)
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copyfile(file, target)
+            else:
+                shutil.copyfile(name, folder / self._copy_of(key))
 
     def prepare(self, *, code: Collection[str] = ()) -> "PreparedRun":
         """Build every part, so that an error precedes the run.
@@ -132,33 +165,21 @@ class RunSettings:
             Prepared run.
         """
         code = [*code, *(() if self.is_data else self.named_code)]
-        structure = load_structure(self.structure)
-        hardware = load_hardware(self.hardware or None, self.hardware_values)
-        if self.rate_hz is not None:
-            hardware = hardware.at_rate(self.rate_hz)
         if not 0 <= self.noise <= MOST_NOISE:
             raise BadExperiment(
                 f"the noise {self.noise} m/s is negative, not finite or beyond reason; accepted: 0 to {MOST_NOISE:g}"
             )
-        if self.noise > 0:
-            hardware = replace(hardware, velocity_sensor=replace(hardware.velocity_sensor, noise=self.noise))
         if self.seed < 0:
             raise BadExperiment(f"the seed {self.seed} is negative; accepted: whole numbers from 0")
-        release = self.excite == "release"
-        excitation = build_excitation(
-            self.excite,
-            level=self.level,
-            low_hz=self.low_hz,
-            high_hz=self.high_hz,
-            period_s=self.period_s,
-            odd=self.odd,
-            seed=None if release else self.seed,
-        )
-        if not release and self.high_hz is not None and self.high_hz > hardware.converter.rate / 2:
-            raise BadExperiment(
-                f"the band reaches {self.high_hz:g} Hz; a converter of {hardware.converter.rate:g} Hz drives and records up to "
-                f"{hardware.converter.rate / 2:g} Hz"
-            )
+        if self.is_own_model:
+            return self._prepare_own(code)
+        structure = load_structure(self.structure)
+        hardware = load_hardware(self.hardware or None, self.hardware_values)
+        if self.rate_hz is not None:
+            hardware = hardware.at_rate(self.rate_hz)
+        if self.noise > 0:
+            hardware = replace(hardware, velocity_sensor=replace(hardware.velocity_sensor, noise=self.noise))
+        excitation = self._excitation(hardware)
         faults: tuple[Fault, ...] = ()
         if self.power_up:
             switches = power_up_as_told(hardware, self.power_up)
@@ -174,12 +195,59 @@ class RunSettings:
         plant.substeps(hardware.converter.rate)
         at = self.at or structure.exciter
         places = [plant.actuator_index(place) for place in at.split(",")]
+        if len(places) > 1 and not isinstance(excitation, (Dwell, Release)):
+            excitation = InTurn(signal=excitation, actuators=len(places), turn_s=self.seconds / len(places))
         forces_at(excitation, np.zeros(1), len(places))
+        return self._prepared(structure, hardware, plant, law, (excitation, at), faults)
+
+    def _excitation(self, hardware: Hardware) -> Any:
+        """Return the excitation of a run on a structure."""
+        release = self.excite == "release"
+        excitation = build_excitation(
+            self.excite,
+            level=self.level,
+            low_hz=self.low_hz,
+            high_hz=self.high_hz,
+            period_s=self.period_s,
+            odd=self.odd,
+            seed=None if release else self.seed,
+        )
+        if not release and self.high_hz is not None and self.high_hz > hardware.converter.rate / 2:
+            raise BadExperiment(
+                f"the band reaches {self.high_hz:g} Hz; a converter of {hardware.converter.rate:g} Hz drives and records up to "
+                f"{hardware.converter.rate / 2:g} Hz"
+            )
+        return excitation
+
+    def _prepare_own(self, code: Collection[str]) -> "PreparedRun":
+        """Build a run on a user's model."""
+        check_settings(self)
+        plant = bench_plant(self.structure)
+        hardware = bench_hardware(self, plant.timestep)
+        if self.noise > 0:
+            coil = replace(hardware.velocity_sensor, noise=self.noise)
+            probe = replace(hardware.displacement_probe, noise=self.noise)
+            hardware = replace(hardware, velocity_sensor=coil, displacement_probe=probe)
+        plant.substeps(hardware.converter.rate)
+        law = bench_law(self.law, code=code) if self.law else None
+        excitation = bench_excitation(self, plant, hardware.converter.rate)
+        changed = attach(plant, [parse_effect(text, code=code) for text in self.effect])
+        return self._prepared(None, hardware, changed, law, excitation, ())
+
+    def _prepared(
+        self,
+        structure: Structure | None,
+        hardware: Hardware,
+        plant: Plant,
+        law: Controller | None,
+        excitation: tuple[Any, str],
+        faults: tuple[Fault, ...],
+    ) -> "PreparedRun":
         experiment = Experiment(
             plant=plant,
             seconds=self.seconds,
-            excitation=excitation,
-            excite=at,
+            excitation=excitation[0],
+            excite=excitation[1],
             controller=law,
             hardware=hardware,
             seed=self.seed,
@@ -213,11 +281,12 @@ class StoredSettings(RunSettings):
 class PreparedRun:
     """A run with all parts built.
 
-    `faults` lists events at switch-on. A concealed run writes nothing on the effects in its plant.
+    `structure` is None for a user's model. `faults` lists events at switch-on. A concealed run writes nothing on the
+    effects in its plant.
     """
 
     settings: RunSettings
-    structure: Structure
+    structure: Structure | None
     hardware: Hardware
     plant: Plant
     law: Controller | None
@@ -229,8 +298,21 @@ class PreparedRun:
         """Return the run with its effects concealed."""
         return replace(self, settings=replace(self.settings, effect=()), is_concealed=True)
 
+    @property
+    def title(self) -> str:
+        """Title of the structure, or file name of the user's model."""
+        return Path(self.settings.structure).name if self.structure is None else self.structure.title
+
     def fe_model(self) -> FeModel:
-        """Return the FE model of the run's variant."""
+        """Return the FE model of the run's variant.
+
+        Raises
+        ------
+        BadExperiment
+            A user's model has no FE model.
+        """
+        if self.structure is None:
+            raise BadExperiment(f"{self.title}: only beam, grid and structure files have an FE model")
         return build_fe_model(self.structure, self.settings.variant)
 
 
@@ -268,8 +350,7 @@ class DoneRun:
         """Write recording and settings, without the manifest."""
         write_recording(self.recording, folder / RECORDING)
         (folder / SETTINGS).write_text(self.prepared.settings.to_toml(), encoding="utf-8")
-        for key, name in self.prepared.settings.named_files.items():
-            shutil.copyfile(name, folder / COPIES[key])
+        self.prepared.settings.copy_files(folder)
 
     def finish(self, folder: Path) -> None:
         """Write the manifest after all further files."""

@@ -11,16 +11,17 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from vlab.errors import BadRecording
+from vlab.errors import BadRecording, BadStructure
 from vlab.hardware import load_hardware
 from vlab.lab.excitation import build_excitation
-from vlab.lab.plant_modes import plant_modes
+from vlab.lab.model_bench import BenchExcitation
+from vlab.lab.plant_modes import UNSEEN, plant_modes
 from vlab.lab.run_folder import RunSettings
 from vlab.physics.attach import attach
 from vlab.physics.spec import parse_effect
 from vlab.plants import build_plant
 from vlab.plants.base import Plant
-from vlab.signals import Array
+from vlab.signals import Array, ModalModel
 from vlab.structure import load_structure
 
 SETTLED = 0.02
@@ -31,13 +32,21 @@ DECAYED = 0.05
 PERIODS = 4
 """PERIODS [1]: number of periods, blocks or blows. The modal test averages the second half of the periods; the estimate of
 coherence needs four blocks."""
+LINES = 20
+"""LINES [1]: fewest lines of a periodic signal in the band of a user's model. Fewer lines make a signal that repeats itself
+within its period."""
 LOW_HZ, HIGH_HZ = 0.5, 60.0
 """LOW_HZ, HIGH_HZ [Hz]: band in which the slowest mode of a release is looked for, as the band of other excitations."""
+BANDWIDTHS = 1.5
+"""BANDWIDTHS [1]: half-power bandwidths to each side of a mode within which a stepped sine has fine steps."""
 SHARE = 0.05
 """SHARE [1]: largest travel at a coil relative to the linear range of a velocity sensor. At 0.05 the release of the beam
 biases damping ratios by less than 0.1 %. Raising the value excites the nonlinear stretch of cables."""
 CREST = 3.0
 """CREST [1]: peak of a random signal in standard deviations."""
+SEEN = 0.25
+"""SEEN [1]: smallest participation of a mode at some exciting coil, relative to the coil at which it is largest. Raising the
+value excites more coils, which takes longer."""
 FREE = 1e-9
 """FREE [1]: largest eigenvalue of a free motion relative to the largest."""
 
@@ -61,20 +70,27 @@ class Suited:
     tau_s: float = float("nan")
 
     @property
+    def in_turn(self) -> bool:
+        """Whether coils of a structure act one after another."""
+        return "," in self.settings.at and not self.settings.is_own_model
+
+    @property
     def words(self) -> str:
         """Reason of the duration; empty if nothing follows from the plant."""
         if not np.isfinite(self.tau_s):
             return ""
+        turns = f"; in turn at {self.settings.at}, for modes with a node at one coil" if self.in_turn else ""
         return (
             f"{self.settings.seconds:g} s follow from the slowest mode of the plant: {self.hz:.4g} Hz, time constant "
-            f"{self.tau_s:.3g} s (--seconds sets another duration)"
+            f"{self.tau_s:.3g} s{turns} (--seconds sets another duration)"
         )
 
 
 def suited(settings: RunSettings) -> Suited:
     """Return settings with duration and period that suit the plant.
 
-    A law in the loop, a stepped sine of stated steps and a dwell keep the default duration.
+    A law in the loop and a dwell keep the default duration. Where the exciter of a structure is at a node of some mode,
+    several coils act in turn. A stepped sine without stated steps gets fine steps about every mode.
 
     Parameters
     ----------
@@ -89,26 +105,49 @@ def suited(settings: RunSettings) -> Suited:
     name, _, written = settings.excite.partition(":")
     if settings.law or name not in RULES:
         return Suited(settings=settings)
-    band = {"low_hz": settings.low_hz, "high_hz": settings.high_hz}
-    excitation = build_excitation(settings.excite, **({} if name == "release" else band))
-    low, high = getattr(excitation, "low_hz", LOW_HZ), getattr(excitation, "high_hz", HIGH_HZ)
-    plant = build_plant(load_structure(settings.structure), settings.plant, settings.variant)
-    code = settings.named_code
-    plant = attach(plant, [parse_effect(text, code=code) for text in settings.effect])
+    plant, low, high = _bench(settings, name)
     outputs = [tap.name for tap in plant.sensors]
     try:
         modes = plant_modes(plant, outputs, low_hz=low, high_hz=high)
-    except BadRecording:  # no mode in the band
+    except (BadRecording, BadStructure):  # no mode in the band, or no linearisation
         return Suited(settings=settings)
     tau = 1 / (2 * np.pi * modes.freq * modes.zeta)
     slowest = int(np.argmax(tau))
     stated = {key.strip() for key, _, _ in (part.partition("=") for part in written.split(","))} - {""}
+    if not settings.is_own_model and not settings.at and name != "release":
+        settings = replace(settings, at=_coils(plant, load_structure(settings.structure).exciter, low, high))
+    if settings.is_own_model and not 0 < tau.min() <= tau.max() < settings.seconds:
+        return Suited(settings=settings)  # unstable, or without damping
+    if name == "stepped-sine" and not {key for key in stated if key.startswith(("zoom", "steps"))}:
+        settings = _zoomed(settings, modes, low, high)
     found = RULES[name](settings, float(tau[slowest]), stated)
+    if settings.is_own_model:  # the levels follow from the model, see `vlab.lab.model_bench`
+        least = float(np.ceil(LINES / (high - low)))
+        if found.period_s is not None and settings.period_s is None and found.period_s < least:
+            found = replace(found, period_s=least, seconds=PERIODS * least)
+        return Suited(settings=found, hz=float(modes.freq[slowest]), tau_s=float(tau[slowest]))
     if settings.level is None and "level" not in stated and name in TRAVELS:
         hardware = load_hardware(settings.hardware or None, settings.hardware_values)
-        travel = TRAVELS[name](_receptance(plant, settings), found)
+        travel = max(TRAVELS[name](_receptance(plant, at), found) for at in _places(settings))
         found = replace(found, level=float(f"{SHARE * hardware.velocity_sensor.linear_range / travel:.2g}"))
+    found = replace(found, seconds=found.seconds * len(_places(settings)))
     return Suited(settings=found, hz=float(modes.freq[slowest]), tau_s=float(tau[slowest]))
+
+
+def _bench(settings: RunSettings, name: str) -> tuple[Plant, float, float]:
+    """Return the plant of a run with its effects, and the excited band [Hz]."""
+    if settings.is_own_model:
+        prepared = settings.prepare()
+        signal = prepared.experiment.excitation
+        excitation: Any = signal.parts[0] if isinstance(signal, BenchExcitation) else signal
+        plant = prepared.plant
+    else:
+        band = {"low_hz": settings.low_hz, "high_hz": settings.high_hz}
+        excitation = build_excitation(settings.excite, **({} if name == "release" else band))
+        plant = build_plant(load_structure(settings.structure), settings.plant, settings.variant)
+        code = settings.named_code
+        plant = attach(plant, [parse_effect(text, code=code) for text in settings.effect])
+    return plant, getattr(excitation, "low_hz", LOW_HZ), getattr(excitation, "high_hz", HIGH_HZ)
 
 
 def _periodic(settings: RunSettings, tau: float, stated: set[str]) -> RunSettings:
@@ -152,6 +191,34 @@ def _steps(settings: RunSettings, tau: float, stated: set[str]) -> RunSettings:
     return replace(settings, seconds=float(np.ceil(excitation.seconds)))
 
 
+def _zoomed(settings: RunSettings, modes: ModalModel, low: float, high: float) -> RunSettings:
+    """Return a stepped sine with fine steps about every mode.
+
+    The steps are half the half-power bandwidth 2 zeta f apart and reach `BANDWIDTHS` of it to each side. After the half of
+    a step that the analysis drops, `DECAYED` of the transient is left. As many steps lie evenly in the band: with few lines
+    between the modes, higher model orders are not unique.
+    """
+    tau = 1 / (2 * np.pi * modes.freq * modes.zeta)
+    width = np.minimum(2 * BANDWIDTHS * modes.zeta, 0.49)
+    inside = (modes.freq > low) & (modes.freq < high)
+    dwell = 2 * tau * np.log(1 / DECAYED)
+
+    def joined(values: Array) -> str:
+        return "/".join(f"{value:.6g}" for value in values[inside])
+
+    per_mode = int(4 * BANDWIDTHS) + 1
+    zoom = {
+        "steps": str(per_mode * int(inside.sum())),
+        "zoom_hz": joined(modes.freq),
+        "zoom_widths": joined(width),
+        "zoom_dwells_s": joined(dwell),
+        "zoom_steps": str(per_mode),
+    }
+    joint = "," if ":" in settings.excite else ":"
+    excite = settings.excite + joint + ",".join(f"{key}={value}" for key, value in zoom.items())
+    return replace(settings, excite=excite)
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Receptance:
     """Modes of a plant between the exciting coil and all coils.
@@ -169,8 +236,32 @@ class _Receptance:
     gain: Array
 
 
-def _receptance(plant: Plant, settings: RunSettings) -> _Receptance:
-    at = plant.actuator_index(settings.at or load_structure(settings.structure).exciter)
+def _places(settings: RunSettings) -> list[str]:
+    return (settings.at or load_structure(settings.structure).exciter).split(",")
+
+
+def _coils(plant: Plant, exciter: str, low: float, high: float) -> str:
+    """Return the coils that together excite every mode of the band, with commas between.
+
+    A mode with a node at one coil needs another. The exciter of the structure comes first. Each further coil is the one
+    with the most modes that none before excites. A coil excites a mode with `SEEN` of the participation of the best coil.
+    """
+    linear = plant.linearise()
+    square, shapes = linalg.eigh(linear.K, linear.M)
+    hz = np.sqrt(np.maximum(square, 0.0)) / (2 * np.pi)
+    rows = np.abs(plant.actuator_forces().T @ shapes[:, (hz >= low) & (hz <= high)])
+    largest = rows.max(axis=0)
+    is_seen = (rows >= SEEN * largest)[:, largest > UNSEEN * largest.max(initial=0.0)]
+    chosen = [plant.actuator_index(exciter)]
+    left = ~is_seen[chosen[0]]
+    while left.any():
+        chosen.append(int(np.argmax(is_seen[:, left].sum(axis=1))))
+        left &= ~is_seen[chosen[-1]]
+    return ",".join(plant.actuators[i].at for i in chosen) if len(chosen) > 1 else ""
+
+
+def _receptance(plant: Plant, place: str) -> _Receptance:
+    at = plant.actuator_index(place)
     linear = plant.linearise()
     square, shapes = linalg.eigh(linear.K, linear.M)
     held = square > FREE * square.max()
@@ -215,6 +306,7 @@ TRAVELS: Mapping[str, Any] = {
     "pseudo-random": _random_travel,
     "burst-random": _random_travel,
     "sweep": _sine_travel,
+    "stepped-sine": _sine_travel,
     "hammer": _blow_travel,
     "release": _static_travel,
 }

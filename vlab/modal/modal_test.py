@@ -18,6 +18,7 @@ from vlab.modal.impact import END_LEVEL, estimate_impact_frf, without_added_deca
 from vlab.modal.poles import PoleEstimate, estimate_poles
 from vlab.modal.recognise import FREE_KINDS, Signal, signal_of
 from vlab.modal.steps import estimate_stepped_frf
+from vlab.modal.turns import in_turns
 from vlab.signals import ORDER, Array, FrequencyResponse, Recording, check_sizes
 
 SETTLING_SHARE = 0.5
@@ -238,6 +239,7 @@ def run_modal_test(recordings: Sequence[Recording], test: ModalTest) -> ModalTes
     BadRecording
         No data, incompatible recordings, or an error of the estimators.
     """
+    recordings = in_turns(recordings)
     signals = read_signals(recordings, test)
     if any(signal.kind == "dwell" for signal in signals):
         raise BadRecording("a dwell holds one mode and gives no frequency response; test dwells by themselves")
@@ -406,6 +408,7 @@ def estimate_responses(recordings: Sequence[Recording], test: ModalTest) -> tupl
 
     `run_modal_test` states the errors.
     """
+    recordings = in_turns(recordings)
     signals = read_signals(recordings, test)
     return tuple(_estimate(r, test, s) for r, s in zip(recordings, signals, strict=True))
 

@@ -23,6 +23,10 @@ from vlab.signals import Array, ComplexArray, FrequencyResponse, ModalModel
 FREQ_TOLERANCE, ZETA_TOLERANCE = 0.01, 0.05
 """FREQ_TOLERANCE [1]: relative frequency change up to which a pole is stable between orders.
 ZETA_TOLERANCE [1]: same for the damping ratio. Both values are customary for stabilisation charts."""
+TOP_POLES, MOST_POLES, PER_POLE = 60, 280, 4
+"""TOP_POLES [1]: poles at the highest order of the first chart, conjugates included.
+MOST_POLES [1]: the same for data with many modes, enough for some 50. Raising the value takes longer.
+PER_POLE [1]: poles of the chart per persistent pole, below which the order is raised; customary are 2 to 5 times."""
 GHOST_MAC = 0.8
 """GHOST_MAC [1]: MAC above which two poles within one line are one mode and its leakage."""
 
@@ -166,7 +170,8 @@ def estimate_poles(
     band_hz : (low, high)
         Band of used lines and reported modes [Hz]; all by default.
     orders : sequence of int
-        Model orders of the chart, about 2 to 5 times the number of modes; by default every second from 4 to 60.
+        Model orders of the chart, about 2 to 5 times the number of modes; by default every second from 4 to 60. Data with
+        many modes raise the default to 280.
     n_modes : int
         Largest number of reported modes: the first ones in the band. Less confident poles fill the number, by
         significance. None for as many as the data support.
@@ -196,11 +201,19 @@ def estimate_poles(
        2003.
     """
     used, step = _checked(frf, sample_rate, band_hz)
-    wanted = _checked_orders(orders, used)
     problem = FitProblem(used, step, residual_powers, known_variance(used))
-    charts = [plscf_chart(problem, wanted)]
-    state = fit_partial_fractions(problem, persistent_poles(charts[0], problem.omega), n_modes)
-    charts.append(plscf_chart(problem, wanted, state.poles))
+
+    wanted = _default_orders(used, TOP_POLES) if orders is None else _checked_orders(orders, used)
+    chart = plscf_chart(problem, wanted)
+    poles = persistent_poles(chart, problem.omega)
+    if (
+        orders is None and PER_POLE * len(poles) >= TOP_POLES
+    ):  # a fit of crowded modes takes long, so no fit comes before
+        wanted = _default_orders(used, MOST_POLES)
+        chart = plscf_chart(problem, wanted)
+        poles = persistent_poles(chart, problem.omega)
+    state = fit_partial_fractions(problem, poles, n_modes)
+    charts = [chart, plscf_chart(problem, wanted, state.poles)]
     return _report(used, problem, state, charts, wanted, n_modes, min_confidence)
 
 
@@ -229,12 +242,20 @@ def _checked(
     return used, 0.0 if sample_rate is None else 1 / sample_rate
 
 
-def _checked_orders(orders: Sequence[int] | None, used: FrequencyResponse) -> list[int]:
-    """Return ascending orders within the number of lines."""
+def _most_order(used: FrequencyResponse) -> int:
+    return (2 * used.freq.size - 2) // (2 * (len(used.inputs) + 1))
+
+
+def _default_orders(used: FrequencyResponse, top: int) -> list[int]:
+    """Return the orders up to a number of poles of all inputs."""
     n_in = len(used.inputs)
-    limit = (2 * used.freq.size - 2) // (2 * (n_in + 1))
-    if orders is None:
-        return list(range(2 if n_in > 1 else 4, max(6, min(60 // n_in, limit)) + 1, 2 if n_in < 4 else 1))
+    last = max(6, min(top // n_in, _most_order(used)))
+    return list(range(2 if n_in > 1 else 4, last + 1, 2 if n_in < 4 else 1))
+
+
+def _checked_orders(orders: Sequence[int], used: FrequencyResponse) -> list[int]:
+    """Return ascending orders within the number of lines."""
+    limit = _most_order(used)
     chosen = sorted({int(n) for n in orders})
     if not chosen or chosen[0] < 2 or chosen[-1] > limit:
         raise BadRecording(f"orders {list(orders)} must be from 2 to {limit}, which {used.freq.size} lines can carry")

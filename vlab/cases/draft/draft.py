@@ -16,6 +16,7 @@ from vlab.cases.written_out import natural_key
 from vlab.errors import BadCase
 from vlab.files.text import one_line
 from vlab.plants.base import Plant
+from vlab.recordings.bound import RECORDING
 from vlab.recordings.table import MOST_LISTED
 
 
@@ -98,7 +99,7 @@ def draft_case(
     model : str
         MJCF file, structure file, or built-in structure.
     logs : sequence of Path
-        Recordings; their names give the order.
+        Recordings or run folders; their names give the order.
     folder : Path
         Folder of the case file.
     time : str, optional
@@ -120,6 +121,7 @@ def draft_case(
     BadStructure
         The model cannot be built.
     """
+    logs = [path / RECORDING if (path / RECORDING).is_file() else path for path in logs]  # a run folder
     unique = {os.path.realpath(path): path for path in logs}  # a log that is named twice would verify itself
     paths = sorted(unique.values(), key=lambda path: natural_key(str(path)))
     opened = open_model(model, folder)

@@ -23,6 +23,8 @@ EFFORTS = ("moment", "force", "current", "voltage")
 """EFFORTS: kinds of a column that drive a motor, and show the effort of a servo."""
 RATES = ("velocity", "angular-velocity", "acceleration", "angular-acceleration")
 """RATES: kinds of motion that a log mostly derives from positions."""
+EXCITATION = "excitation:"
+"""EXCITATION: start of the name of a column of `vlab experiment` that is part of another column."""
 JOINT_SENSORS = {0: mujoco.mjtSensor.mjSENS_JOINTPOS, 1: mujoco.mjtSensor.mjSENS_JOINTVEL}
 """JOINT_SENSORS: sensor of a joint by order of its time derivative."""
 
@@ -202,6 +204,9 @@ class _Matcher:
         label = self.log.label(column.name)
         if column.kind.startswith(("time", "frequency", "complex", "temperature", "error", "flag")):
             self._leave(label, f"by its name, its quantity is {column.kind.split(',')[0]}")
+            return
+        if column.name.startswith(EXCITATION):
+            self._leave(label, "the excitation is part of the actuator's command, which has a column of its own")
             return
         if column.rows == column.blank:
             self._leave(label, "it has no values")

@@ -354,7 +354,8 @@ def tune(
     B, C = system.B[0], system.C[0]
     # scale of the search: the force that moves a channel by its noise in one step
     response = np.abs(C @ system.A[0] @ B).max(axis=1) + np.abs(system.D[0]).max(axis=1)
-    reference = float(np.median(noise / np.maximum(response, 1e-300)) ** 2)
+    moved = response > 0.0  # a channel across the motion of all modes has no such force
+    reference = float(np.median(noise[moved] / response[moved]) ** 2) if moved.any() else 1.0
 
     def value(log_q: float) -> float:
         gains = filter_gains(system, noise, reference * 10.0**log_q, start)

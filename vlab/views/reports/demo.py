@@ -17,6 +17,7 @@ OBSERVED = "probe:30in"
 def write_demo(demo: Demo, folder: Path) -> None:
     """Write ``report.html``, ``run.rrd`` and the two main figures of the demonstration."""
     closed = demo.closed_loop
+    assert closed.prepared.structure is not None
     write_run(
         folder / "run.rrd",
         closed.prepared.structure,

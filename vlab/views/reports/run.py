@@ -23,7 +23,7 @@ EFFORT = ("actuator", "unit", "command, rms", "largest", "force with excitation,
 def write_run_report(
     path: Path, done: DoneRun, frf: FrequencyResponse | None, analytical: FrequencyResponse | None
 ) -> Path:
-    """Write the report of a run on a structure.
+    """Write the report of a run.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def write_run_report(
         f"simulated at {done.real_time_factor:.0f} times real time.",
     )
     sections = [_facts(done), _effort(done), *_responses(frf, analytical), _histories(recording, settings.high_hz)]
-    return write_report(path, title=f"{prepared.structure.title}: {law}", sections=sections, summary=summary)
+    return write_report(path, title=f"{prepared.title}: {law}", sections=sections, summary=summary)
 
 
 def _facts(done: DoneRun) -> Section:

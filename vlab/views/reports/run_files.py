@@ -1,4 +1,4 @@
-"""Rerun file and report of a run on a structure."""
+"""Rerun file and report of a run."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +10,7 @@ from vlab.modal.frf import MeasuredFrequencyResponse
 from vlab.signals import FrequencyResponse
 from vlab.views.reports.run import write_run_report
 from vlab.views.rerun.documents import PICTURES
-from vlab.views.rerun.scene import write_run
+from vlab.views.rerun.scene import write_bodies, write_run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,12 +44,18 @@ def responses(prepared: PreparedRun, result: Result) -> Responses:
         return Responses()
     high = prepared.settings.high_hz
     frf = frf.between(0.0, high if high is not None else frf.freq[-1])
-    return Responses(measured=frf, analytical=analytical_response(prepared, shown, frf.freq))
+    analytical = None if prepared.structure is None else analytical_response(prepared, shown, frf.freq)
+    return Responses(measured=frf, analytical=analytical)
 
 
 def write_run_view(path: Path, prepared: PreparedRun, result: Result, found: Responses | None = None) -> None:
     """Write structure, traces, spectra, controller and responses as a Rerun file."""
     found = responses(prepared, result) if found is None else found
+    if prepared.structure is None:
+        write_bodies(
+            path, prepared.plant, result, frf=found.measured, law=prepared.settings.law, hardware=prepared.hardware
+        )
+        return
     write_run(
         path,
         prepared.structure,

@@ -57,6 +57,11 @@ class LiveView:
         if math.isnan(pace) or pace <= 0:
             raise BadExperiment(f"the pace {pace:g} is not a positive number of simulated seconds a second")
         self.prepared, self.pace, self.address = prepared, pace, connect()
+        if prepared.structure is None:
+            raise BadExperiment(
+                f"{prepared.title}: the live view shows beam, grid and structure files; leave --live out, then vlab show"
+            )
+        self._structure = prepared.structure
         self._stream = rr.RecordingStream(APPLICATION, recording_id=uuid.uuid4(), send_properties=False)
         self._begun: float | None = None
         self._last = -math.inf
@@ -103,7 +108,7 @@ class LiveView:
         frames = int(np.searchsorted(result.frame_times, until_s, side="left"))
         if samples <= self._samples or frames <= self._frames:
             return
-        motion = Motion.of(self.prepared.structure, self.prepared.plant, result, since=self._frames, until=frames)
+        motion = Motion.of(self._structure, self.prepared.plant, result, since=self._frames, until=frames)
         first = self._scenes is None
         scene = self._picture(motion, recording)
         if self._scenes is None:
@@ -124,9 +129,9 @@ class LiveView:
 
     def _picture(self, motion: Motion, recording: Recording) -> StructureScene:
         """Return the structure with the present factor."""
-        scene = StructureScene(self.prepared.structure, motion)
+        scene = StructureScene(self._structure, motion)
         if self._factor is not None and scene.factor > self._factor / 2:
-            return StructureScene(self.prepared.structure, motion, self._factor)
+            return StructureScene(self._structure, motion, self._factor)
         self._factor = scene.factor
         if self._scenes is not None:
             self._document(scene, recording)
@@ -136,14 +141,14 @@ class LiveView:
         prepared, recording = self.prepared, result.recording
         high = prepared.settings.high_hz or HIGHEST_HZ
         scenes = (
-            ModalScene(prepared.structure, prepared.plant),
+            ModalScene(self._structure, prepared.plant),
             SpectrumScene(recording, highest_hz=1.2 * high),
             LawScene(prepared.plant, recording, prepared.hardware, prepared.law),
         )
         modes, spectra, inside = scenes
         pages = [("traces", trace_views(recording)), ("spectra", spectra.views()), ("controller", inside.views())]
         papers = [rrb.TextDocumentView(name="facts", origin="/facts")]
-        title = f"{prepared.structure.title}, live"
+        title = f"{self._structure.title}, live"
         layout = blueprint(arranged(scene.view(title), modes.view(), pages, papers), playing="following")
         self._stream.connect_grpc(self.address, default_blueprint=layout)
         self._stream.send_recording_name(title)
@@ -155,7 +160,7 @@ class LiveView:
         prepared = self.prepared
         facts = run_facts(prepared.plant, recording, prepared.settings.law, prepared.hardware)
         facts["picture"] = f"{scene.title()}; arrows: forces of the coils, the longest is the largest until then"
-        log_document(self._stream, fact_list(f"{prepared.structure.title}, live", facts))
+        log_document(self._stream, fact_list(f"{self._structure.title}, live", facts))
 
 
 class _Moving:

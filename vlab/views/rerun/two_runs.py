@@ -74,6 +74,10 @@ def load_two(paths: Sequence[Path]) -> list[ShownRun]:
             raise BadRecording(
                 f"{path}: two runs are shown from their folders; give folders written by vlab experiment"
             )
+        if settings.is_own_model:
+            raise BadRecording(
+                f"{path}: two runs are shown of beam, grid and structure files; show one run of your model"
+            )
         structure = load_structure(settings.inside(path).structure)
         motion = Motion.read(path / "run.rrd")
         out.append(ShownRun(name=name, recording=recording, settings=settings, structure=structure, motion=motion))
