@@ -65,3 +65,38 @@ def test_joints_on_servos_start_where_they_are_told_to_be(tmp_path):
     np.testing.assert_allclose(found.qpos, np.append(0.9, centre), atol=0.01)
     np.testing.assert_allclose(found.qvel, np.append(0.2, 2.0 * swing), atol=0.1)
     assert found.nrmse < 0.02
+
+
+LIMP = """<mujoco model="limp"><option timestep="0.001" integrator="implicitfast"/><worldbody>
+  <body name="upper" pos="0 0 1"><joint name="a" axis="0 1 0" damping="4" armature="0.2"/>
+    <geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" contype="0" conaffinity="0"/>
+    <body name="lower" pos=".3 0 0"><joint name="b" axis="0 1 0" damping="3" armature="0.15"/>
+      <geom type="capsule" fromto="0 0 0 .3 0 0" size=".03" contype="0" conaffinity="0"/></body></body></worldbody>
+  <actuator><position name="sa" joint="a" kp="300" kv="30"/><position name="sb" joint="b" kp="200" kv="20"/></actuator>
+</mujoco>"""
+
+
+def test_measured_joints_start_where_they_were_measured(tmp_path):
+    """Joints that stand under a command away from rest, with overdamped servos, and then make large steps."""
+    model = mujoco.MjModel.from_xml_string(LIMP)
+    data, told = mujoco.MjData(model), np.array([[0.5, -0.4], [-0.9, 0.8], [0.7, -1.2]])
+    data.ctrl[:] = told[0]
+    mujoco.mj_step(model, data, 20_000)  # at rest under the first command
+    begun, rows = data.qpos.copy(), []
+    for k in range(300):
+        data.ctrl[:] = told[min(k // 20, 2)]
+        rows.append([*data.ctrl, *data.qpos])
+        mujoco.mj_step(model, data, 10)
+    (tmp_path / "arm.xml").write_text(LIMP)
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header="ca,cb,a,b", comments="")
+    text = 'title = "Limp"\n[model]\nmjcf = "arm.xml"\n[[recording]]\nfile = "run.csv"\nrole = "fit"\nrate_hz = 100.0\n'
+    for name in ("a", "b"):
+        text += f'[[recording.channel]]\ncolumn = "c{name}"\nat = "s{name}"\nkind = "command"\nunit = "rad"\n'
+        text += 'input = true\nhold = "zero"\n'
+        text += f'[[recording.channel]]\ncolumn = "{name}"\nat = "joint:{name}"\nkind = "angle"\nunit = "rad"\n'
+    (tmp_path / "case.toml").write_text(text)
+    case = load_case(tmp_path)
+    (run,) = read_runs(case, ("fit",)).runs
+    found = find_initial_state(case.plant, run)
+    np.testing.assert_allclose(found.qpos, begun, atol=2e-3)
+    assert found.nrmse < 2e-3

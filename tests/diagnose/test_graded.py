@@ -148,6 +148,9 @@ def test_a_law_in_all_joints_is_a_start_with_its_forms_that_gain_as_much():
     assert [law[0].effect.name for law in laws] == ["coulomb-friction", "stribeck-friction"]
     assert [c.place.name for c in laws[0]] == ["joint:0", "joint:1", "joint:2"]
     assert laws_in_all_joints([c for c in table if c.place.name == "joint:0"]) == []
+    smooth = [candidate("smooth-friction", f"joint:{i}", gain) for i, gain in enumerate((120.0, 90.0, 60.0))]
+    laws = laws_in_all_joints([*table, *smooth])  # the plainest form of the family is tried beside the best one
+    assert [law[0].effect.name for law in laws] == ["smooth-friction", "coulomb-friction"]
 
 
 def test_joints_where_a_law_does_nothing_are_left_out():

@@ -17,7 +17,7 @@ from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.validation.gap import gap_closed, total
 from vlab.diagnose.validation.simulation import Checked, ExtendedModel, check, coarse_steps, with_finer_steps
-from vlab.diagnose.verdict import closes_gap, is_incoherent, is_needed, residual_note
+from vlab.diagnose.verdict import closes_gap, decide_verdict, is_incoherent, is_needed, residual_note
 from vlab.files.assets import asset
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS, effect_named
@@ -208,6 +208,19 @@ def test_what_a_mesh_leaves_is_no_gap_but_much_of_it_gone_is_a_finding():
         choice, checked(0.0067, 0.0062, noise=0.0060), is_structure=True
     )  # beside the noise a half is gone
     assert not is_needed(choice, checked(0.0060, 0.0050, noise=0.0016), is_structure=True)
+
+
+def test_a_residual_within_mesh_error_shows_no_linear_element():
+    seen = SimpleNamespace(damage=SimpleNamespace(fatal=(), warnings=()), is_missing=False, steps=(), stops=())
+
+    def verdict(effect, before, after):
+        term = SimpleNamespace(effect=EFFECTS[effect])
+        choice = SimpleNamespace(gained=30.0, is_prior_driven=False, best=SimpleNamespace(terms=(term,)))
+        return decide_verdict(choice, checked(before, after, noise=0.0082), seen, is_structure=True)
+
+    assert verdict("stiffness-to-ground", 0.0121, 0.0090) == "nothing-missing"
+    assert verdict("cubic-stiffness", 0.0121, 0.0090) == "missing-physics"  # a mesh is linear
+    assert verdict("stiffness-to-ground", 0.0286, 0.0090) == "missing-physics"
 
 
 def test_the_zero_that_an_effect_names_is_no_zero_of_the_refit():

@@ -70,6 +70,8 @@ def refine(problem: StartProblem, x: Array, left: Array, offset: Array) -> tuple
     try:
         slopes, is_exact = _first_slopes(problem, x, left, offset)
         for _ in range(REFINEMENTS):
+            if not np.any(left):  # a recording of the model itself
+                break
             held = problem.held * np.eye(x.size)
             rows, wanted = np.vstack([slopes, held]), np.concatenate([left, problem.held * x])
             step = -np.linalg.lstsq(rows, wanted, rcond=1e-9)[0]
