@@ -145,8 +145,9 @@ def test_a_gap_that_a_refit_closes_is_none_that_a_finding_closes():
     assert closes_gap([replace(grazed, bare=0.3, parts=(part(50.0, 0.3),))], is_structure=False)
 
 
-def verdict(checked, fitted, *, is_prior_driven=False):
-    choice = SimpleNamespace(best=SimpleNamespace(terms=(1,)), gained=1.0, is_prior_driven=is_prior_driven)
+def verdict(checked, fitted, *, is_prior_driven=False, left=1.0):
+    best = SimpleNamespace(terms=(1,), normalised_residual=left)
+    choice = SimpleNamespace(best=best, gained=1.0, is_prior_driven=is_prior_driven)
     seen = SimpleNamespace(damage=SimpleNamespace(fatal=(), warnings=()), is_missing=False, steps=(), stops=())
     return decide_verdict(choice, checked, seen, is_structure=False, fitted=lambda: fitted)
 
@@ -173,6 +174,9 @@ def test_a_calibration_that_follows_only_with_implausible_values_is_a_finding():
     near = distance(nominal=0.075, calibrated=0.0024, after=0.0023, noise=0.0012, bare=0.075, parts=(part(9e3, 0.075),))
     assert verdict([near], [near]) == "nothing-missing"
     assert verdict([near], [near], is_prior_driven=True) == "missing-physics"
+    assert (
+        verdict([near], [near], is_prior_driven=True, left=6.5) == "nothing-missing"
+    )  # the effect leaves much as well
     worse = replace(near, after=0.01)
     assert verdict([worse], [worse], is_prior_driven=True) == "nothing-missing"
 

@@ -215,7 +215,9 @@ def test_a_residual_within_mesh_error_shows_no_linear_element():
 
     def verdict(effect, before, after):
         term = SimpleNamespace(effect=EFFECTS[effect])
-        choice = SimpleNamespace(gained=30.0, is_prior_driven=False, best=SimpleNamespace(terms=(term,)))
+        choice = SimpleNamespace(
+            gained=30.0, is_prior_driven=False, best=SimpleNamespace(terms=(term,), normalised_residual=1.0)
+        )
         return decide_verdict(choice, checked(before, after, noise=0.0082), seen, is_structure=True)
 
     assert verdict("stiffness-to-ground", 0.0121, 0.0090) == "nothing-missing"

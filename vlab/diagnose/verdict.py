@@ -9,7 +9,7 @@ from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.diagnosis import NAMING, Attempt, Verdict
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.parameters.terms import Fit
-from vlab.diagnose.settings import GAP, PROBLEM, VERDICT
+from vlab.diagnose.settings import GAP, MODEL_CHOICE, PROBLEM, VERDICT
 from vlab.diagnose.validation.gap import Distance, gap_closed, predicts_better, total, verifying
 from vlab.diagnose.validation.simulation import Checked
 from vlab.physics.small_signal import is_linear
@@ -345,7 +345,9 @@ def decide_verdict(
     if (choice.best.terms or seen.is_missing) and closes_gap(checked, is_structure=is_structure):
         return "missing-physics"
     is_followed = errors["before"] <= VERDICT.above_noise * errors["noise"] or (is_structure and not unexplained)
-    is_followed = is_followed or (choice.is_prior_driven and not unexplained)  # with implausible parameters
+    # with implausible parameters; where the effect leaves more than noise, another one may make them plausible
+    is_left = choice.best.normalised_residual > MODEL_CHOICE.above_noise
+    is_followed = is_followed or (choice.is_prior_driven and not unexplained and not is_left)
     # no gap remains where quantisation counts as noise, or no hold-out recording reaches a limit
     shows = bool(seen.steps or seen.stops) and errors["after"] <= GAP.no_worse * errors["before"]
     tests = not all(run.is_idle for run in checked)
