@@ -8,7 +8,7 @@ from vlab.lab.excitation import InTurn, SteppedSine, build_excitation
 from vlab.lab.run_folder import RunSettings, simulate_run
 from vlab.lab.suited import BANDWIDTHS, DECAYED, SEEN, suited
 from vlab.modal.modal_test import ModalTest, estimate_responses
-from vlab.modal.poles import PER_POLE, TOP_POLES, estimate_poles
+from vlab.modal.poles import PER_POLE, TOP_POLES, count_resonances, estimate_poles
 from vlab.modal.turns import in_turns
 from vlab.signals import FrequencyResponse
 
@@ -91,3 +91,16 @@ def test_data_with_many_modes_get_a_higher_order():
     found = estimate_poles(FrequencyResponse(freq=freq, H=H, outputs=outputs, inputs=inputs, unit="m/N"))
     assert found.freq == pytest.approx(np.sort(hz), rel=1e-3)
     assert found.zeta == pytest.approx(np.full(24, zeta), rel=0.05)
+
+
+def test_resonances_are_counted_over_all_singular_values():
+    """Six modes in closed form, two of them within a hundredth of a hertz of each other."""
+    freq = np.linspace(0.5, 12.0, 4000)
+    hz = np.array([2.0, 3.5, 5.0, 5.01, 8.0, 10.0])
+    rng = np.random.default_rng(4)
+    shapes, forces = rng.standard_normal((5, 6)), np.linalg.qr(rng.standard_normal((6, 6)))[0][:2]
+    s, pole = 2j * np.pi * freq[:, None], 2 * np.pi * hz * (-0.004 + 1j)
+    H = np.einsum("fk,ok,ik->foi", 1 / ((s - pole) * (s - pole.conj())), shapes, forces)
+    outputs = tuple(f"y{i}" for i in range(5))
+    frf = FrequencyResponse(freq=freq, H=H, outputs=outputs, inputs=("a", "b"), unit="m/N")
+    assert count_resonances(frf) == pytest.approx(6, abs=1)

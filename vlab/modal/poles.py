@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
 
 from vlab.errors import BadRecording
 from vlab.modal.frf import MeasuredFrequencyResponse
@@ -23,10 +24,11 @@ from vlab.signals import Array, ComplexArray, FrequencyResponse, ModalModel
 FREQ_TOLERANCE, ZETA_TOLERANCE = 0.01, 0.05
 """FREQ_TOLERANCE [1]: relative frequency change up to which a pole is stable between orders.
 ZETA_TOLERANCE [1]: same for the damping ratio. Both values are customary for stabilisation charts."""
-TOP_POLES, MOST_POLES, PER_POLE = 60, 280, 4
+TOP_POLES, MOST_POLES, PER_POLE, PROMINENCE = 60, 280, 4, 0.3
 """TOP_POLES [1]: poles at the highest order of the first chart, conjugates included.
 MOST_POLES [1]: the same for data with many modes, enough for some 50. Raising the value takes longer.
-PER_POLE [1]: poles of the chart per persistent pole, below which the order is raised; customary are 2 to 5 times."""
+PER_POLE [1]: poles of the chart per resonance, below which the order is raised; customary are 2 to 5 times.
+PROMINENCE [decades]: least prominence of a resonance in a mode indicator, a factor of two."""
 GHOST_MAC = 0.8
 """GHOST_MAC [1]: MAC above which two poles within one line are one mode and its leakage."""
 
@@ -203,18 +205,38 @@ def estimate_poles(
     used, step = _checked(frf, sample_rate, band_hz)
     problem = FitProblem(used, step, residual_powers, known_variance(used))
 
-    wanted = _default_orders(used, TOP_POLES) if orders is None else _checked_orders(orders, used)
+    if orders is not None:
+        wanted = _checked_orders(orders, used)
+    else:
+        is_crowded = PER_POLE * count_resonances(used) > TOP_POLES
+        wanted = _default_orders(used, MOST_POLES if is_crowded else TOP_POLES)
     chart = plscf_chart(problem, wanted)
     poles = persistent_poles(chart, problem.omega)
-    if (
-        orders is None and PER_POLE * len(poles) >= TOP_POLES
-    ):  # a fit of crowded modes takes long, so no fit comes before
-        wanted = _default_orders(used, MOST_POLES)
-        chart = plscf_chart(problem, wanted)
-        poles = persistent_poles(chart, problem.omega)
     state = fit_partial_fractions(problem, poles, n_modes)
     charts = [chart, plscf_chart(problem, wanted, state.poles)]
     return _report(used, problem, state, charts, wanted, n_modes, min_confidence)
+
+
+def count_resonances(frf: FrequencyResponse) -> int:
+    """Return the number of resonances by the complex mode indicator functions.
+
+    Parameters
+    ----------
+    frf : FrequencyResponse
+        Frequency responses.
+
+    Returns
+    -------
+    int
+        Peaks of all singular values over frequency.
+
+    References
+    ----------
+    C. Y. Shih, Y. G. Tsuei, R. J. Allemang and D. L. Brown, Complex mode indication function and its applications to spatial
+    domain parameter estimation, Mechanical Systems and Signal Processing 2 (1988) 367-377.
+    """
+    sizes = np.log10(np.maximum(np.linalg.svd(frf.H, compute_uv=False), 1e-300))
+    return sum(len(signal.find_peaks(column, prominence=PROMINENCE)[0]) for column in sizes.T)
 
 
 def _checked(
