@@ -131,6 +131,30 @@ def before(u: Array, *, stood: bool = False) -> Array:
     return np.concatenate([u[:1] if stood else np.zeros_like(u[:1]), u[:-1]])
 
 
+def at_samples(values: Array, *, is_held: bool, is_first: bool, stood: bool) -> Array:
+    """Return an input as sensors see it at its samples.
+
+    A sensor is read before a held command changes.
+
+    Parameters
+    ----------
+    values : (n, ...) array
+        Input.
+    is_held : bool
+        Whether the input is held between its samples.
+    is_first : bool
+        Whether the input changes before the sensors are read.
+    stood : bool
+        See `before`.
+
+    Returns
+    -------
+    (n, ...) array
+        Values at the samples.
+    """
+    return before(values, stood=stood) if is_held and not is_first else values
+
+
 def held_means(time: Array, values: Array, edges: Array) -> Array:
     """Return means of a staircase between edges.
 

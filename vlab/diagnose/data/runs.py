@@ -12,7 +12,7 @@ from scipy import signal
 
 from vlab.cases.channel_map import Compared, Run
 from vlab.cases.initial_state import begins_at_rest
-from vlab.cases.replay_inputs import before
+from vlab.cases.replay_inputs import at_samples
 from vlab.diagnose.data.band import fastest
 from vlab.diagnose.data.noise import known_noise, noise_level
 from vlab.diagnose.data.quality import is_informative, on_clock
@@ -383,7 +383,7 @@ def signals_of(
         mean = interval_means(time, values, is_held, grid)
         inputs[:, column] += mean
         if feedthrough is not None and feedthrough.shows(column):
-            now = before(values, stood=stood) if is_held and not is_first else values
+            now = at_samples(values, is_held=is_held, is_first=is_first, stood=stood)
             y[:] -= feedthrough.ahead(column, mean, on_grid(time, now, grid, thin), h * thin)
 
     for drive in run.drives:

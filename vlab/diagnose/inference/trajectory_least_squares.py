@@ -121,8 +121,7 @@ class TrajectoryLeastSquares(LeastSquares):
         self.t = self._cut(pad_and_stack([c.time for c in screen.moving.trajectories]))
         self.read = self._cut(pad_and_stack([a.read for a in screen.systems]))
         self.changes = self._cut(screen.changes)
-        self.efforts = screen.efforts
-        self.in_drive = np.array([p.is_of_actuator for p in self.problem.parameters], dtype=bool)
+        self.efforts = screen.efforts if np.any(screen.efforts) else screen.efforts[:0]
         self.v = self._cut(pad_and_stack([a.motion.v for a in screen.systems]))
         self._lines: dict[str, tuple[Array, Array, Array, Array]] = {}
         self._paths: dict[tuple[str, int], Path] = {}
@@ -241,7 +240,7 @@ class TrajectoryLeastSquares(LeastSquares):
         laws = [self._law(term, self._calibrated(term, own, theta), G, steps) for term, own in acting]
         laws.sort(key=lambda law: (not law.is_linear, law.is_last))
         drive = np.einsum("kwan,kswn->kswa", G, drive, optimize=True)
-        seen = bool(np.any(self.D) or np.any(self.efforts))
+        seen = bool(np.any(self.D) or len(self.efforts))
         graphs = trace_laws(laws)
         if graphs is None:
             states = self._as_written(laws, A, drive, starts, forces, steps, seen=seen)
@@ -252,9 +251,9 @@ class TrajectoryLeastSquares(LeastSquares):
         y = self.read[:, None] + np.einsum("kwpa,kswa->kswp", self.C, states, optimize=True)
         if seen:
             nv = self.reduced_model.m
-            y += np.einsum("kwpn,kswn->kswp", self.D, forces[..., :nv], optimize=True) + self.moving.read_late(
-                forces[..., nv:]
-            )
+            y += np.einsum("kwpn,kswn->kswp", self.D, forces[..., :nv], optimize=True)
+            if len(self.efforts):
+                y += self.moving.read_late(forces[..., nv:])
         return np.asarray(
             np.clip(
                 np.nan_to_num(y, nan=TRAJECTORY_INTEGRATION.far),
@@ -292,15 +291,17 @@ class TrajectoryLeastSquares(LeastSquares):
     ) -> tuple[Array, Array]:
         """Return forces on deviations, and those with direct readings."""
         own = relative_changes(self.problem.parameters, theta - self.moving.theta)
-        changes = self._changes_beside(terms)
+        changes, drives = self._changes_beside(terms), self.moving.in_drive
         forces = np.einsum("kwni,si->kswn", changes, own, optimize=True)
-        in_drive = np.einsum("kwni,si->kswn", changes[..., self.in_drive], own[:, self.in_drive], optimize=True)
+        commanded = np.zeros(())
         for term, given in zip(terms, values, strict=True):
             if isinstance(term.effect, ActuatorEffect):
                 for i in term.place.indices:
-                    changed = self._actuated(term.effect, i, given, n_sets)
-                    forces += changed
-                    in_drive += changed
+                    commanded = commanded + self._actuated(term.effect, i, given, n_sets)
+        forces = forces + commanded
+        if not len(self.efforts):
+            return forces, forces.copy()
+        in_drive = np.einsum("kwni,si->kswn", changes[..., drives], own[:, drives], optimize=True) + commanded
         return forces, np.concatenate([forces, in_drive @ self.efforts.T], axis=-1)
 
     def _calibrated(self, term: Term, own: Mapping[str, Array], theta: Array) -> Mapping[str, Array]:

@@ -318,8 +318,12 @@ class TrajectoryScoreTest(ScoreTest):
 
     def changed_readings(self, group: Group) -> Array:
         """See `ScoreTest`; effort sensors read the actuators' forces."""
-        of_actuators = np.array([p.is_of_actuator for p in self.problem.parameters], dtype=bool)
-        return self.read_late(self.efforts @ (self.changes * of_actuators))
+        return self.read_late(self.efforts @ (self.changes * self.in_drive))
+
+    @property
+    def in_drive(self) -> Array:
+        """Mask (n_changes,) of the parameters that change the forces of actuators alone."""
+        return np.array([p.is_of_actuator for p in self.problem.parameters], dtype=bool)
 
     def read_late(self, readings: Array) -> Array:
         """Return direct readings (n, ...) of intervals at the samples, behind held commands."""

@@ -9,7 +9,7 @@ from scipy.interpolate import make_smoothing_spline
 from vlab.cases.channel_map import Run
 from vlab.cases.initial_state import begins_at_rest, joint_of
 from vlab.cases.linear_start import exponentials
-from vlab.cases.replay_inputs import before
+from vlab.cases.replay_inputs import at_samples
 from vlab.diagnose.data.noise import known_noise, noise_level, uneven_noise
 from vlab.diagnose.data.quality import is_informative, on_clock
 from vlab.diagnose.data.runs import liveliest, on_grid
@@ -136,15 +136,11 @@ def read_trajectory_data(
     is_driven = bool(run.drives) or commands is not None
     starts = is_driven and begins_at_rest(y - rest, slow, stepper.plant)
     stood = run.initial != "rest" and not starts
-    inputs, now = (
-        np.zeros((len(grid), n_actuators + len(load_ports))),
-        np.zeros((len(grid), n_actuators + len(load_ports))),
-    )
+    inputs, now = np.zeros((2, len(grid), n_actuators + len(load_ports)))
 
     def add(column: int, values: Array, *, is_held: bool, is_first: bool) -> None:
         inputs[:, column] += _means(time, values, is_held, edges)
-        present = before(values, stood=stood) if is_held and not is_first else values
-        now[:, column] += np.interp(grid, time, present)
+        now[:, column] += np.interp(grid, time, at_samples(values, is_held=is_held, is_first=is_first, stood=stood))
 
     for drive in run.drives:
         at = n_actuators + list(load_ports).index(drive.port) if drive.actuator is None else drive.actuator
