@@ -133,9 +133,9 @@ def run_demo(folder: Path, *, seed: int = 0, progress: Callable[[str], None] = l
     progress("FE model against MuJoCo plants")
     check = cross_check(load_structure(settings.structure))
     progress("open-loop experiment")
-    open_loop = _experiment("open loop", replace(settings, seconds=OPEN_LOOP_S).prepare())
+    open_loop = perform_loop_test("open loop", replace(settings, seconds=OPEN_LOOP_S).prepare())
     progress("experiment with the published MFDRF law in the loop")
-    closed_loop = _identified(_experiment("MFDRF", replace(settings, law="mfdrf").prepare()))
+    closed_loop = identify_loop(perform_loop_test("MFDRF", replace(settings, law="mfdrf").prepare()))
     concealed = _concealed(folder, seed, progress)
     progress("real recordings of the AVC cantilever beside their model")
     comparisons = [compare_case(asset(case)) for case in CASES]
@@ -181,7 +181,21 @@ def _concealed(folder: Path, seed: int, progress: Callable[[str], None]) -> Conc
     return ConcealedTest(done=done, truth=first["settings"]["effect"][0])
 
 
-def _experiment(label: str, prepared: PreparedRun) -> LoopTest:
+def perform_loop_test(label: str, prepared: PreparedRun) -> LoopTest:
+    """Perform an experiment with its frequency responses.
+
+    Parameters
+    ----------
+    label : str
+        Name of the test.
+    prepared : PreparedRun
+        Experiment with a periodic excitation.
+
+    Returns
+    -------
+    LoopTest
+        Measured and analytical responses, without poles.
+    """
     result = run_experiment(prepared.experiment)
     recording = result.recording
     measured = [measured_response(recording, kind) for kind in ("velocity", "displacement")]
@@ -203,8 +217,19 @@ def _experiment(label: str, prepared: PreparedRun) -> LoopTest:
     )
 
 
-def _identified(test: LoopTest) -> LoopTest:
-    """Add closed-loop poles, identified and predicted."""
+def identify_loop(test: LoopTest) -> LoopTest:
+    """Add closed-loop poles, identified and predicted.
+
+    Parameters
+    ----------
+    test : LoopTest
+        Experiment under direct rate feedback.
+
+    Returns
+    -------
+    LoopTest
+        The test with poles of the first six modes.
+    """
     law, fe = test.prepared.law, test.prepared.fe_model()
     assert isinstance(law, DirectRateFeedback)
     rate = test.prepared.hardware.converter.rate

@@ -213,7 +213,9 @@ def estimate_poles(
     chart = plscf_chart(problem, wanted)
     poles = persistent_poles(chart, problem.omega)
     state = fit_partial_fractions(problem, poles, n_modes)
-    sure = state.poles[_confidence(state.poles, chart) >= min_confidence]  # a weight by a doubtful pole confirms the pole
+    sure = state.poles[
+        _confidence(state.poles, chart) >= min_confidence
+    ]  # a weight by a doubtful pole confirms the pole
     charts = [chart, plscf_chart(problem, wanted, sure)]
     return _report(used, problem, state, charts, wanted, n_modes, min_confidence)
 
