@@ -11,9 +11,9 @@ from vlab.cases.initial_state import InitialState
 from vlab.cases.simulate import simulate
 from vlab.errors import BadExperiment, UnknownName
 from vlab.physics.attach import Attached, attach, effect_tables, own_stiffness, port_at, written
+from vlab.physics.attached import AtPort
 from vlab.physics.catalogue import ALIASES, EFFECTS, effect_named
 from vlab.physics.native import SPRINGS
-from vlab.physics.running import AtPort
 from vlab.physics.servo import ServoEffect
 from vlab.plants.mjcf import build_mjcf
 

@@ -7,8 +7,9 @@ from scipy.integrate import solve_ivp
 
 from vlab.errors import VlabError
 from vlab.physics.attach import Attached, attach
+from vlab.physics.attached import AtPort
 from vlab.physics.catalogue import EFFECTS
-from vlab.physics.running import AtPort, PortForces
+from vlab.physics.running import PortForces
 from vlab.physics.servo import servo_of
 from vlab.plants.mjcf import build_mjcf
 

@@ -6,8 +6,9 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from vlab.diagnose.kernels.expression_graph import evaluate, series
+from vlab.diagnose.kernels.expression_graph import series
 from vlab.physics.catalogue import EFFECTS
+from vlab.physics.compiled_expression import evaluate
 from vlab.physics.effect import Parameter, PortEffect, Step
 from vlab.physics.expression import CODE, OPERATIONS, trace_expression
 from vlab.physics.servo import Servo, ServoEffect, at_servo

@@ -6,10 +6,11 @@ import pytest
 
 from vlab.errors import VlabError
 from vlab.physics.attach import Attached, attach, written
+from vlab.physics.attached import AtPort
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import Step
 from vlab.physics.expression import trace_expression
-from vlab.physics.running import AtPort, PortForces
+from vlab.physics.running import PortForces
 from vlab.physics.servo import at_servo, servo_of
 from vlab.plants.mjcf import build_mjcf
 

@@ -25,7 +25,7 @@ from vlab.cases.channel_map import Compared, Drive, Law, Run, compared_with_sens
 from vlab.cases.clock import Clock, plan_clock
 from vlab.cases.linear_start import StartProblem, estimate_linear_start
 from vlab.cases.refined_start import refine, window_residual
-from vlab.cases.replay import Bench, State, at_timestep, bench_for
+from vlab.cases.replay_bench import Bench, State, at_timestep, bench_for
 from vlab.errors import BadCase, BadStructure, Diverged
 from vlab.fe.second_order import SecondOrderModel
 from vlab.plants.base import ONE_WAY, Plant

@@ -7,7 +7,7 @@ import numpy as np
 
 from vlab.cases.channel_map import Compared, Run
 from vlab.cases.clock import Clock
-from vlab.cases.replay import Bench, Loads, State, bench_for
+from vlab.cases.replay_bench import Bench, Loads, State, bench_for
 from vlab.cases.replay_inputs import before
 from vlab.errors import BadCase
 from vlab.fe.second_order import SecondOrderModel

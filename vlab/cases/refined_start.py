@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from vlab.cases.linear_start import StartProblem
-from vlab.cases.replay import Bench, bench_for, play
+from vlab.cases.replay import play
+from vlab.cases.replay_bench import Bench, bench_for
 from vlab.errors import Diverged
 from vlab.signals import Array
 

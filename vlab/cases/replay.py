@@ -7,217 +7,27 @@ A run starts with the position advanced by half a step. Each reading comes from 
 step. Positions, velocities and accelerations of all sensors then belong to the time of the reading.
 """
 
-import copy
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from vlab.cases.channel_map import Compared, Law, Run
+from vlab.cases.channel_map import Law, Run
 from vlab.cases.clock import Clock
-from vlab.cases.open_loop import CHECK_EVERY, motion_of, run_open_loop
+from vlab.cases.compiled_replay import NotSafe, Records, can_compile, replay_compiled
+from vlab.cases.open_loop import CHECK_EVERY
+from vlab.cases.replay_bench import Bench, State, copy_sensors
 from vlab.cases.replay_inputs import drives_of, inputs_of
 from vlab.hardware.laboratory import Converter
 from vlab.hardware.output_chain import OutputChain
-from vlab.hardware.sensing import coil_gain
 from vlab.lab.callback import control_callback
-from vlab.physics.running import STAGGERED, Running
-from vlab.plants.base import Plant, Port, check_run
+from vlab.physics.running import Running
+from vlab.plants.base import Port, check_run
 from vlab.plants.computable import computable
 from vlab.signals import Array
-
-Loads = Sequence[tuple[Port, float]]
-"""Forces [N or N m] on ports."""
-
-
-@dataclass(frozen=True)
-class State:
-    """True state: position and velocity at the same time."""
-
-    qpos: Array
-    qvel: Array
-
-
-class Bench:
-    """Plant with its readings.
-
-    Parameters
-    ----------
-    plant : Plant
-        Plant with the timestep of the run.
-    linear_range : float or None
-        Travel in which coil sensors are linear [m]; None for hardware outside the laboratory.
-    """
-
-    def __init__(self, plant: Plant, linear_range: float | None = None) -> None:
-        self.plant, self.model = plant, plant.model
-        self.data, self._copy = plant.new_data(), plant.new_data()
-        self.rest = State(self.data.qpos.copy(), np.zeros(self.model.nv))
-        self._ahead = self.model.opt.timestep / 2 if self.model.opt.integrator in STAGGERED else 0.0
-        self._sum = np.zeros((len(plant.sensors), self.model.nsensordata))
-        for i, tap in enumerate(plant.sensors):
-            self._sum[i, list(tap.addresses)] = 1.0
-        self.applied = np.zeros(self.model.nv)
-        """Generalised external forces of the present step, without attached physics."""
-        self._range = linear_range
-        self._coils = [i for i, tap in enumerate(plant.sensors) if tap.kind == "velocity"]
-
-    def start(self, state: State) -> None:
-        """Set the plant to a true state at time zero."""
-        mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:], self.data.qvel[:] = state.qpos, state.qvel
-        if self._ahead:
-            mujoco.mj_integratePos(self.model, self.data.qpos, state.qvel, self._ahead)
-        mujoco.mj_forward(self.model, self.data)
-
-    def open_loop(
-        self, run: Run, state: State, controls: Array, present: Array, progress: Callable[[float], None]
-    ) -> Array:
-        """Simulate a run without a law, port loads or attached effects.
-
-        Parameters
-        ----------
-        run : Run
-            Recording with mapped channels.
-        state : State
-            Initial state.
-        controls, present : (n_steps, nu) and (n_readings, nu) array
-            Controls of every step and at the readings.
-        progress : callable
-            Receives the completed share of the run.
-
-        Returns
-        -------
-        (n_readings, n_channels) array
-            Compared channels; zeros for commands.
-        """
-        self.start(state)
-        states, raw = run_open_loop(self.model, self.data, controls, present, ahead=self._ahead, progress=progress)
-        sensors, data = self.sensors(raw), self._copy
-        out = np.zeros((len(raw), len(run.compared)))
-        copy_sensors(run.compared, sensors, out)
-        of_ports = [(i, c) for i, c in enumerate(run.compared) if c.sensor is None and c.port]
-        moves = not all(self.plant.port(c.port).is_constant for _, c in of_ports)
-        for k, (qpos, qvel) in enumerate(zip(*motion_of(self.model, states), strict=True)) if of_ports else ():
-            data.qpos[:], data.qvel[:] = qpos, qvel
-            if moves:
-                mujoco.mj_fwdPosition(self.model, data)
-            for i, c in of_ports:
-                out[k, i] = self._value(c, sensors[k])
-        return out
-
-    def reads_forces(self, compared: tuple[Compared, ...]) -> bool:
-        """Return whether compared values depend on forces."""
-        return any(c.order == 2 for c in compared) or bool(
-            np.any(self.model.sensor_needstage == int(mujoco.mjtStage.mjSTAGE_ACC))
-        )
-
-    def look(self, ctrl: Array, physics: Running | None = None, loads: Loads | None = None) -> None:
-        """Evaluate the present true state in the copy.
-
-        Attached physics acts there without updating its memory.
-
-        Parameters
-        ----------
-        ctrl : array
-            Commands, (n_actuators,).
-        physics : Running or None
-            Attached physics.
-        loads : sequence of (Port, float) or None
-            Present forces on ports; None keeps those of the last step.
-        """
-        data, model = self._at_present(), self.model
-        if loads is not None:
-            if not all(port.is_constant for port, _ in loads):  # rows at the present configuration
-                mujoco.mj_fwdPosition(model, data)
-            self.apply(data, loads)
-        data.ctrl[:] = ctrl
-        mujoco.mj_forward(model, data)
-        if physics is not None and physics.ports is not None:
-            data.qfrc_applied[:] = self.applied
-            readings = physics.ports.look(data, physics.force)
-            mujoco.mj_forwardSkip(model, data, int(mujoco.mjtStage.mjSTAGE_VEL), 0)
-            data.sensordata += readings
-
-    def apply(self, data: mujoco.MjData, loads: Loads) -> None:
-        """Apply port forces and prescribed motion at the state of some data."""
-        applied = self.applied
-        if self.plant.prescribed is None:
-            applied[:] = 0.0
-        else:
-            self.plant.prescribed(data.qpos, data.qvel, applied)
-        for port, load in loads:
-            applied += port.row(data) * load
-        data.qfrc_applied[:] = applied
-
-    def look_at_motion(self) -> None:
-        """Evaluate the present motion in the copy, without forces."""
-        data, model = self._at_present(), self.model
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_sensorPos(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        mujoco.mj_sensorVel(model, data)
-
-    def _at_present(self) -> mujoco.MjData:
-        """Return the copy at the present true state."""
-        data, model = self._copy, self.model
-        mujoco.mj_copyState(model, self.data, data, int(mujoco.mjtState.mjSTATE_INTEGRATION))
-        if self._ahead:
-            mujoco.mj_integratePos(model, data.qpos, data.qvel, -self._ahead)
-        return data
-
-    @property
-    def acceleration(self) -> Array:
-        """Generalised acceleration of the last `look`, (nv,)."""
-        return np.asarray(self._copy.qacc)
-
-    @property
-    def raw(self) -> Array:
-        """Sensor values of MuJoCo at the last `look`, (nsensordata,)."""
-        return np.asarray(self._copy.sensordata)
-
-    def sensors(self, raw: Array | None = None) -> Array:
-        """Return the plant's sensor values, (..., n_sensors), from raw values.
-
-        Parameters
-        ----------
-        raw : array or None
-            Sensor values of MuJoCo, (..., nsensordata); those of the last `look` by default.
-
-        Returns
-        -------
-        array
-            Sensor values of the plant, (..., n_sensors).
-        """
-        raw = self.raw if raw is None else raw
-        values = raw @ self._sum.T
-        travel = raw[..., self.plant.travel]
-        if self._range is not None and travel.shape[-1] == len(self._coils):
-            values[..., self._coils] *= coil_gain(travel, self._range)
-        return np.asarray(values)
-
-    def values(self, compared: tuple[Compared, ...], sensors: Array) -> Array:
-        """Return compared channels at the last `look`, with zeros for commands."""
-        return np.array([self._value(c, sensors) for c in compared])
-
-    def _value(self, compared: Compared, sensors: Array) -> float:
-        if compared.sensor is not None:
-            return float(sensors[compared.sensor])
-        if not compared.port:
-            return 0.0
-        port, data = self.plant.port(compared.port), self._copy
-        if compared.order == 0:
-            return port.position(data)
-        return float(port.row(data) @ (data.qvel if compared.order == 1 else data.qacc))
-
-    def rest_values(self, compared: tuple[Compared, ...]) -> Array:
-        """Return the values of compared channels at rest."""
-        self.start(self.rest)
-        self.look(np.zeros(self.model.nu))
-        return self.values(compared, self.sensors())
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,33 +62,6 @@ class Played:
         if is_held:
             return np.asarray(values[np.searchsorted(self.times, time + 1e-9 * clock.timestep, side="right") - 1])
         return np.asarray(CubicSpline(self.times, values)(time))
-
-
-def at_timestep(plant: Plant, timestep: float) -> Plant:
-    """Return the plant with another integration step.
-
-    Parameters
-    ----------
-    plant : Plant
-        Plant.
-    timestep : float
-        Integration step [s].
-
-    Returns
-    -------
-    Plant
-        Plant with that step.
-    """
-    if plant.timestep == timestep:
-        return plant
-    model = copy.copy(plant.model)
-    model.opt.timestep = timestep
-    return replace(plant, model=model)
-
-
-def bench_for(plant: Plant, run: Run) -> Bench:
-    """Return the bench for a run of a plant."""
-    return Bench(plant, None if run.hardware is None else run.hardware.velocity_sensor.linear_range)
 
 
 def play(
@@ -324,10 +107,11 @@ def play(
     """
     if is_at_rest is None:
         is_at_rest = not np.any(state.qvel) and bool(np.all(state.qpos == bench.rest.qpos))
-    physics = _physics(bench, run, clock, state, is_at_rest)
-    callback = nullcontext() if physics is None else control_callback(bench.data, physics.callback)
-    with computable(f"{run.name}: the model as it moves"), callback:
-        return _played(bench, run, clock, state, law, physics, progress, is_at_rest)
+    with computable(f"{run.name}: the model as it moves"):
+        try:
+            return _played(bench, run, clock, state, law, progress, is_at_rest, may_compile=True)
+        except NotSafe:
+            return _played(bench, run, clock, state, law, progress, is_at_rest, may_compile=False)
 
 
 def _played(
@@ -336,24 +120,79 @@ def _played(
     clock: Clock,
     state: State,
     law: Law | None,
-    physics: Running | None,
     progress: Callable[[float], None],
     is_at_rest: bool,
+    *,
+    may_compile: bool,
 ) -> Played:
-    plant, model, data = bench.plant, bench.model, bench.data
+    plant, physics = bench.plant, _physics(bench, run, clock, state, is_at_rest)
     means, present = drives_of(run, clock, plant, stood=not is_at_rest)
     loads = [drive for drive in run.drives if drive.port]
     load_means, load_present = inputs_of(run, clock, loads, stood=not is_at_rest)
     ports = [plant.port(drive.port) for drive in loads]
+    every = bool(loads) or plant.prescribed is not None or physics is not None
+    if law is None and not every and not any(c.order == 2 and c.sensor is None for c in run.compared):
+        controls = plant.control_matrix
+        return Played(clock.times, bench.open_loop(run, state, means @ controls.T, present @ controls.T, progress))
+    if law is None and may_compile and can_compile(plant, ports):
+        done = replay_compiled(
+            bench, run, state, physics, (means, present), (ports, load_means, load_present), progress
+        )
+        if done is not None:
+            return Played(clock.times, _values_of(bench, run, physics, clock, *done))
+    callback = nullcontext() if physics is None else control_callback(bench.data, physics.callback)
+    with callback:
+        return _stepped(
+            bench,
+            run,
+            clock,
+            state,
+            law,
+            physics,
+            (means, present),
+            (ports, load_means, load_present) if every else None,
+            progress,
+        )
+
+
+def _values_of(bench: Bench, run: Run, physics: Running | None, clock: Clock, forces: Array, records: Records) -> Array:
+    """Return the compared channels of a compiled run."""
+    sensors, times = bench.sensors(records.raw), clock.times
+    out = np.zeros((clock.readings, len(run.compared)))
+    if physics is not None and physics.has_sensors:
+        for k in range(clock.readings):
+            if k:
+                physics.force[:] = forces[k * clock.steps - 1]
+            physics.sense(sensors[k], times[k])
+    copy_sensors(run.compared, sensors, out)
+    bench.copy_ports(run.compared, (records.qpos, records.qvel, records.qacc), out)
+    if physics is not None and physics.is_read:
+        for i, c in enumerate(run.compared):
+            out[:, i] = [
+                physics.read(c.channel, float(value), time) for value, time in zip(out[:, i], times, strict=True)
+            ]
+    return out
+
+
+def _stepped(
+    bench: Bench,
+    run: Run,
+    clock: Clock,
+    state: State,
+    law: Law | None,
+    physics: Running | None,
+    drives: tuple[Array, Array],
+    loads: tuple[Sequence[Port], Array, Array] | None,
+    progress: Callable[[float], None],
+) -> Played:
+    """Simulate step by step, with laws and effects in Python."""
+    plant, model, data, (means, present) = bench.plant, bench.model, bench.data, drives
     push = None if law is None else _chain(law, run, clock)
     controls = plant.control_matrix
-    every = bool(loads) or plant.prescribed is not None or physics is not None
     feedback = np.zeros((clock.steps * clock.law_every, len(plant.actuators)))
     command = np.zeros(len(plant.actuators))
     out = np.zeros((clock.readings, len(run.compared)))
     reads_forces = bench.reads_forces(run.compared)
-    if law is None and not every and not any(c.order == 2 and c.sensor is None for c in run.compared):
-        return Played(clock.times, bench.open_loop(run, state, means @ controls.T, present @ controls.T, progress))
     is_later = law is None and (physics is None or not physics.is_read) and not any(c.port for c in run.compared)
     raw = np.zeros((clock.readings, model.nsensordata)) if is_later else None
     bench.start(state)
@@ -365,7 +204,8 @@ def _played(
             force = present[k] + feedback[part - 1]
             if physics is not None:
                 force = force + physics.last_change
-            bench.look(controls @ force, physics, list(zip(ports, load_present[k], strict=True)) if every else None)
+            present_loads = None if loads is None else list(zip(loads[0], loads[2][k], strict=True))
+            bench.look(controls @ force, physics, present_loads)
         else:
             bench.look_at_motion()
         if raw is not None:
@@ -382,7 +222,8 @@ def _played(
             break
         first = k * clock.steps
         force = means[first : first + clock.steps] + feedback[part : part + clock.steps]
-        _advance(bench, controls, force, load_means[first : first + clock.steps] if every else None, ports, physics)
+        step_loads = None if loads is None else loads[1][first : first + clock.steps]
+        _advance(bench, controls, force, step_loads, () if loads is None else loads[0], physics)
         if (k + 1) * clock.steps - last_check >= CHECK_EVERY or k == clock.readings - 2:
             last_check = (k + 1) * clock.steps
             check_run(model, data, last_check * clock.timestep)
@@ -390,23 +231,6 @@ def _played(
     if raw is not None:
         copy_sensors(run.compared, bench.sensors(raw), out)
     return Played(times, out)
-
-
-def copy_sensors(compared: Sequence[Compared], sensors: Array, out: Array) -> None:
-    """Copy the columns of compared sensors.
-
-    Parameters
-    ----------
-    compared : sequence of Compared
-        Compared channels.
-    sensors : (n, n_sensors) array
-        Sensors of the plant.
-    out : (n, n_channels) array
-        Compared channels, overwritten where a channel is a sensor.
-    """
-    for i, c in enumerate(compared):
-        if c.sensor is not None:
-            out[:, i] = sensors[:, c.sensor]
 
 
 def _read(bench: Bench, run: Run, physics: Running | None, time: float, out: Array) -> Array:

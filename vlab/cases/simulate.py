@@ -9,7 +9,8 @@ import numpy as np
 from vlab.cases.channel_map import Law, Run, compared_with_sensors
 from vlab.cases.clock import Clock, plan_clock
 from vlab.cases.initial_state import InitialState, find_initial_state
-from vlab.cases.replay import Bench, Played, State, at_timestep, bench_for, play
+from vlab.cases.replay import Played, play
+from vlab.cases.replay_bench import Bench, State, at_timestep, bench_for
 from vlab.errors import Diverged
 from vlab.plants.base import Plant
 from vlab.signals import Recording

@@ -18,7 +18,8 @@ from vlab.hardware.laboratory import Hardware
 from vlab.hardware.output_chain import OutputChain
 from vlab.hardware.sensing import Sampling
 from vlab.lab.callback import control_callback, refuse_foreign_callback
-from vlab.physics.running import STAGGERED, Running
+from vlab.physics.port_lines import STAGGERED
+from vlab.physics.running import Running
 from vlab.plants.base import Plant
 from vlab.plants.linear import LinearPlant
 from vlab.signals import Array

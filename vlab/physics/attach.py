@@ -18,9 +18,10 @@ import mujoco
 import numpy as np
 
 from vlab.errors import BadExperiment, unknown_name
+from vlab.physics.attached import AtActuator, AtPort, AtSensor
 from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PortEffect, SensorEffect
 from vlab.physics.native import add_numbers, add_springs, numbers, springs
-from vlab.physics.running import AtActuator, AtPort, AtSensor, small_motion, tap_index
+from vlab.physics.running import small_motion, tap_index
 from vlab.physics.servo import ServoEffect, at_servo, has_motor, put_into, servo_of, servo_port
 from vlab.plants.base import Plant, Port
 from vlab.plants.element_ports import constant_port

@@ -1,8 +1,8 @@
 """Expression graph of a port law, recorded by symbolic evaluation.
 
 A law is written once, with numpy, for arrays of any shape. In a loop over samples numpy's call overhead exceeds the
-arithmetic. The search therefore evaluates the recorded operations in compiled code, see `vlab.diagnose.kernels.expression_graph`. A law
-that branches on values, or calls a function outside `OPERATIONS`, is evaluated as written.
+arithmetic. Searches and simulations therefore evaluate the recorded operations in compiled code, see
+`vlab.physics.compiled_expression`. A law that branches on values, or calls a function outside `OPERATIONS`, is evaluated as written.
 """
 
 from collections.abc import Callable, Sequence
@@ -150,7 +150,11 @@ class _Symbol(NDArrayOperatorsMixin):
 
 @lru_cache(maxsize=512)
 def trace_expression(
-    effect: PortEffect, h: float, seen: tuple[str, ...] = SIGNALS, numbers: tuple[str, ...] = ()
+    effect: PortEffect,
+    h: float,
+    seen: tuple[str, ...] = SIGNALS,
+    numbers: tuple[str, ...] = (),
+    damped: float | None = None,
 ) -> ExpressionGraph | None:
     """Return a law's tape for one step length.
 
@@ -164,6 +168,8 @@ def trace_expression(
         Known signals of a step, of `SIGNALS`; every other signal has the default of `Step`.
     numbers : tuple of str
         Values that the law takes beside its parameters; their registers follow those of the parameters.
+    damped : float or None
+        See `vlab.physics.effect.Step`.
 
     Returns
     -------
@@ -178,7 +184,7 @@ def trace_expression(
     own = symbols[len(SIGNALS) : len(SIGNALS) + len(names)]
     memory = symbols[len(SIGNALS) + len(names) :]
     known: dict[str, Any] = {name: signals[name] for name in seen if name not in ("z", "v")}
-    step = Step(h=h, **known)
+    step = Step(h=h, damped=damped, **known)
     force: Callable[..., tuple[Any, Any]] = effect.force
     try:
         result, after = force(

@@ -8,101 +8,33 @@ acceleration is (I + G D)^-1 (R M^-1 f + G g), with the explicit forces g.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from vlab.physics.attached import AtActuator, AtPort, AtSensor
 from vlab.physics.effect import (
-    ActuatorEffect,
     ActuatorStep,
     LinearPortEffect,
-    PortEffect,
-    SensorEffect,
     SensorStep,
     Step,
     Values,
 )
-from vlab.plants.base import Plant, Port
-from vlab.plants.effort_sensors import effort_rows
-from vlab.plants.mjcf import MjcfPlant
+from vlab.physics.port_lines import PortLines, command_of
+from vlab.plants.base import Plant
 from vlab.signals import Array
-
-STAGGERED = (
-    mujoco.mjtIntegrator.mjINT_EULER,
-    mujoco.mjtIntegrator.mjINT_IMPLICIT,
-    mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-)
-"""Integrators with the position half a step ahead of the velocity. The position then belongs to the middle of the
-beginning step."""
-DAMPED = {mujoco.mjtIntegrator.mjINT_EULER: 0.0, mujoco.mjtIntegrator.mjINT_RK4: 0.5}
-"""DAMPED [1]: share of a step's change of velocity on which the damping of actuators acts, by integrator; 1 for implicit
-integrators."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AtPort:
-    """An effect at a port of a plant.
-
-    Parameters
-    ----------
-    stiffness : float
-        Stiffness of the port's own elastic element [N/m or N m/rad].
-    coil : int or None
-        Index of the actuator along the port.
-    """
-
-    effect: PortEffect | LinearPortEffect
-    port: Port
-    values: Values
-    stiffness: float = 0.0
-    coil: int | None = None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AtActuator:
-    """An effect on an actuator."""
-
-    effect: ActuatorEffect
-    index: int
-    values: Values
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AtSensor:
-    """An effect on a sensor or a compared channel.
-
-    Parameters
-    ----------
-    name : str
-        Name of the sensor or channel.
-    other : str
-        Name of the actuator or sensor that supplies the picked-up signal.
-    """
-
-    effect: SensorEffect
-    name: str
-    values: Values
-    other: str = ""
-
 
 _Source = Callable[[Any, Array], float]
 """MjData and commands to the command that a law sees."""
 
 
 def _source(plant: Plant, a: AtPort) -> _Source:
-    """Return the source of the command that a law sees.
-
-    The source of a servo with a filter is the filter's state.
-    """
-    if a.coil is None:
+    """Return the source of the command that a law sees."""
+    coil, state = command_of(plant, a)
+    if coil < 0:
         return lambda data, commands: 0.0
-    coil = a.coil
-    state = int(plant.model.actuator_actadr[plant.actuators[coil].controls[0]])
-    if a.effect.is_in_servo and state >= 0:
-        return lambda data, commands: float(data.act[state])
-    return lambda data, commands: float(commands[coil])
+    return lambda data, commands: float(data.act[state] if state >= 0 else commands[coil])
 
 
 class PortForces:
@@ -113,47 +45,24 @@ class PortForces:
     plant : Plant
         Plant of the run.
     attached : sequence of AtPort
-        Effects in any order. Dry friction is evaluated last, because sticking balances all remaining forces.
+        Effects in any order.
     """
 
     def __init__(self, plant: Plant, attached: Sequence[AtPort]) -> None:
-        self._model, self._h = plant.model, plant.timestep
-        self._is_staggered = plant.model.opt.integrator in STAGGERED
-        self._damped = DAMPED.get(plant.model.opt.integrator, 1.0)
-        lines = [(a, port) for a in attached for port in (a.port, *a.port.more)]
-        lines.sort(key=lambda line: (line[0].effect.is_force, line[0].effect.traits.is_dry_friction))
-        data, n = plant.new_data(), len(lines)
-        self._ports = [port for _, port in lines]
-        self._rest = [port.position(data) for port in self._ports]
-        self._rows = np.array([port.row(data) for port in self._ports]).reshape(n, plant.model.nv)
-        self._solved = np.zeros_like(self._rows)
-        self._is_fixed = not isinstance(
-            plant, MjcfPlant
-        )  # a structure's inertia varies only with the square of its rotations
-        model = plant.model
-        is_explicit = model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER and (
-            model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
-        )
-        is_implicit = model.opt.integrator in STAGGERED and not is_explicit
-        self._damping = self._h * model.dof_damping if is_implicit and np.any(model.dof_damping) else None
+        data = plant.new_data()
+        self._model, self._h, self.lines = plant.model, plant.timestep, PortLines.of(plant, attached, data)
+        lines = self.lines
+        self._rows, self._solved = lines.rows.copy(), np.zeros_like(lines.rows)
         self._solve(data)
-        self._moving = [i for i, port in enumerate(self._ports) if not port.is_constant]
-        self._added, self._viscous, self._spring = np.zeros(n), np.zeros(n), np.zeros(n)
-        self._laws: list[tuple[int, PortEffect, Values, _Source]] = []
-        self._memory: list[Any] = []
-        for i, (a, _) in enumerate(lines):
-            if isinstance(a.effect, LinearPortEffect):
-                mass, damping, stiffness = a.effect.impedance(a.values, a.stiffness)
-                self._added[i], self._viscous[i], self._spring[i] = mass + damping * self._h / 2, damping, stiffness
-            else:
-                self._laws.append((i, a.effect, {k: float(v) for k, v in a.values.items()}, _source(plant, a)))
-                self._memory.append(a.effect.memory(()))
-        self._in_drive = np.array([a.effect.acts_in_drive for a, _ in lines], dtype=bool)
-        self._efforts = effort_rows(model)
-        self._last = np.zeros(n)
+        self._moving = [i for i, port in enumerate(lines.ports) if not port.is_constant]
+        self._laws: list[tuple[int, Any, Values, _Source]] = [
+            (i, a.effect, {k: float(v) for k, v in a.values.items()}, _source(plant, a)) for i, a in lines.laws
+        ]
+        self._memory: list[Any] = [law.memory(()) for _, law, _, _ in self._laws]
+        self._last = np.zeros(len(lines.ports))
         """Forces of the laws in the last step. A force changes little in a step, so the last force stands for an
         unknown present one."""
-        self._is_linear, self._has_inertia = len(self._laws) < n, bool(np.any(self._added))
+        self._is_linear, self._has_inertia = len(self._laws) < len(lines.ports), bool(np.any(lines.added))
 
     def push(self, data: Any, commands: Array) -> None:
         """Add the port forces of a step and update the memory.
@@ -177,8 +86,8 @@ class PortForces:
         (nsensordata,) array
             What sensors of actuator forces read of them: laws within a drive act as port forces here.
         """
-        forces = self._add(data, commands)[1] * self._in_drive
-        return np.asarray(self._efforts @ (forces @ self._rows))
+        forces = self._add(data, commands)[1] * self.lines.in_drive
+        return np.asarray(self.lines.efforts @ (forces @ self._rows))
 
     def _solve(self, data: Any) -> None:
         """Solve for the motion per force of every row.
@@ -186,18 +95,18 @@ class PortForces:
         The result is M^-1 r. With implicit joint dampers the result is (M + h D)^-1 r to first order.
         """
         mujoco.mj_solveM(self._model, data, self._solved, self._rows)
-        if self._damping is not None:
+        if self.lines.damping is not None:
             correction = np.zeros_like(self._solved)
-            mujoco.mj_solveM(self._model, data, correction, self._solved * self._damping)
+            mujoco.mj_solveM(self._model, data, correction, self._solved * self.lines.damping)
             self._solved -= correction
 
     def _add(self, data: Any, commands: Array) -> tuple[list[Any], Array]:
         model = self._model
         for i in self._moving:
-            self._rows[i] = self._ports[i].row(data)
+            self._rows[i] = self.lines.ports[i].row(data)
         mujoco.mj_fwdActuation(model, data)
         mujoco.mj_fwdAcceleration(model, data)  # without port forces and constraint forces
-        if not self._is_fixed:
+        if not self.lines.is_fixed:
             self._solve(data)
         return self._add_one(data, commands) if len(self._rows) == 1 else self._add_all(data, commands)
 
@@ -208,20 +117,20 @@ class PortForces:
         """
         row, solved, h = self._rows[0], self._solved[0], self._h
         v, a = float(row.dot(data.qvel)), float(solved.dot(data.qfrc_smooth))
-        z = self._ports[0].position(data) - self._rest[0]
+        z = self.lines.ports[0].position(data) - self.lines.rest[0]
         G = float(row.dot(solved))
         own = G * float(self._last[0])
-        if not self._is_staggered:
+        if not self.lines.is_staggered:
             z += h / 2 * (v + h / 4 * (a + own))
         memory: list[Any] = []
         if self._laws:
             (_, law, p, source), after = self._laws[0], v + h * a
-            step = Step(h, data.time + h / 2, h * G, after, source(data, commands), v, self._damped)
+            step = Step(h, data.time + h / 2, h * G, after, source(data, commands), v, self.lines.damped)
             force, now = law.force(z, 0.5 * (v + after + h * own), p, step, self._memory[0])
             memory.append(now)
         else:
-            added = float(self._added[0])
-            force = -float(self._viscous[0]) * v - float(self._spring[0]) * z
+            added = float(self.lines.added[0])
+            force = -float(self.lines.viscous[0]) * v - float(self.lines.spring[0]) * z
             force -= added * (a + G * force) / (1.0 + G * added)
         data.qfrc_applied += row * force
         return memory, np.array([force if self._laws else 0.0])
@@ -229,21 +138,21 @@ class PortForces:
     def _add_all(self, data: Any, commands: Array) -> tuple[list[Any], Array]:
         rows, h = self._rows, self._h
         v, a, G = rows @ data.qvel, self._solved @ data.qfrc_smooth, rows @ self._solved.T
-        z = np.array([port.position(data) - rest for port, rest in zip(self._ports, self._rest, strict=True)])
-        if not self._is_staggered:
+        z = np.array([port.position(data) - rest for port, rest in zip(self.lines.ports, self.lines.rest, strict=True)])
+        if not self.lines.is_staggered:
             z += h / 2 * (v + h / 4 * (a + G @ self._last))
         push = np.zeros(len(v))
         if self._is_linear:
-            push = -self._viscous * v - self._spring * z
+            push = -self.lines.viscous * v - self.lines.spring * z
             a = a + G @ push
             if self._has_inertia:
-                shared = np.linalg.inv(np.eye(len(v)) + G * self._added)
+                shared = np.linalg.inv(np.eye(len(v)) + G * self.lines.added)
                 a, G = shared @ a, shared @ G
         memory, t, expected = [], data.time + h / 2, self._last.copy()
         for (i, law, p, source), past in zip(self._laws, self._memory, strict=True):
             before = float(v[i])
             after = before + h * float(a[i])
-            step = Step(h, t, h * float(G[i, i]), after, source(data, commands), before, self._damped)
+            step = Step(h, t, h * float(G[i, i]), after, source(data, commands), before, self.lines.damped)
             own = h * float(G[i] @ expected)
             force, now = law.force(float(z[i]), 0.5 * (before + after + own), p, step, past)
             memory.append(now)
@@ -252,7 +161,7 @@ class PortForces:
         of_laws = np.zeros(len(v))
         of_laws[[i for i, *_ in self._laws]] = [push[i] for i, *_ in self._laws]
         if self._has_inertia:
-            push = push - self._added * a
+            push = push - self.lines.added * a
         data.qfrc_applied += push @ rows
         return memory, of_laws
 
@@ -361,6 +270,11 @@ class Running:
         if self.is_due and self.ports is not None:
             self.is_due = False
             self.ports.push(data, self.force)
+
+    @property
+    def has_actuators(self) -> bool:
+        """Whether actuator effects act."""
+        return bool(self._actuators)
 
     @property
     def has_sensors(self) -> bool:

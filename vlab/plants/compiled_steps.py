@@ -1,6 +1,6 @@
 """Steps of MuJoCo from compiled code.
 
-numba functions call the C functions `mj_step1` and `mj_step2` of MuJoCo's library by name, without Python between steps.
+numba functions call the C functions of MuJoCo's library by name, without Python between steps.
 `mj_step1` and `mj_step2` with the controls set between them do what `mj_step` does, for every integrator but Runge-Kutta.
 """
 
@@ -13,6 +13,23 @@ from numba import types
 
 NAMES = ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll")
 """NAMES [-]: file names of MuJoCo's library on Linux, macOS and Windows, as patterns."""
+ADDRESS, NUMBER = types.intp, types.float64
+FUNCTIONS = {
+    "mj_step1": (ADDRESS, ADDRESS),
+    "mj_step2": (ADDRESS, ADDRESS),
+    "mj_forward": (ADDRESS, ADDRESS),
+    "mj_forwardSkip": (ADDRESS, ADDRESS, types.int32, types.int32),
+    "mj_fwdPosition": (ADDRESS, ADDRESS),
+    "mj_fwdVelocity": (ADDRESS, ADDRESS),
+    "mj_fwdActuation": (ADDRESS, ADDRESS),
+    "mj_fwdAcceleration": (ADDRESS, ADDRESS),
+    "mj_sensorPos": (ADDRESS, ADDRESS),
+    "mj_sensorVel": (ADDRESS, ADDRESS),
+    "mj_solveM": (ADDRESS, ADDRESS, ADDRESS, ADDRESS, types.int32),
+    "mj_copyState": (ADDRESS, ADDRESS, ADDRESS, types.int32),
+    "mj_integratePos": (ADDRESS, ADDRESS, ADDRESS, NUMBER),
+}
+"""FUNCTIONS [-]: C functions and their arguments. Model, data and arrays are given by address."""
 
 
 def _load() -> bool:
@@ -23,15 +40,32 @@ def _load() -> bool:
             binding.load_library_permanently(str(path))
         except RuntimeError:
             continue
-        return all(binding.address_of_symbol(name) is not None for name in ("mj_step1", "mj_step2"))
+        return all(binding.address_of_symbol(name) is not None for name in FUNCTIONS)
     return False
 
 
 IS_AVAILABLE = _load()
 """IS_AVAILABLE [-]: whether compiled code can call MuJoCo; false where its library lies outside the package. Calling the
 functions below without the library ends the process."""
-_SIGNATURE = types.void(types.intp, types.intp)
-first_half: Any = types.ExternalFunction("mj_step1", _SIGNATURE)
-"""First half of a step: kinematics and sensors; arguments are the addresses of model and data."""
-second_half: Any = types.ExternalFunction("mj_step2", _SIGNATURE)
-"""Second half of a step: forces and integration; arguments as those of `first_half`."""
+
+
+def c_function(name: str) -> Any:
+    """Return a C function of MuJoCo for compiled code.
+
+    Parameters
+    ----------
+    name : str
+        Name, one of `FUNCTIONS`.
+
+    Returns
+    -------
+    ExternalFunction
+        Function without a result.
+    """
+    return types.ExternalFunction(name, types.void(*FUNCTIONS[name]))
+
+
+first_half = c_function("mj_step1")
+"""First half of a step: kinematics and sensors."""
+second_half = c_function("mj_step2")
+"""Second half of a step: forces and integration."""

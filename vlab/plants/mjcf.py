@@ -327,7 +327,15 @@ def _tendon_port(model: Any, i: int) -> Port | None:
     def position(data: Any) -> float:
         return float(data.ten_length[i])
 
-    return Port(name=f"tendon:{name}", unit="rad" if _tendon_is_angular(model, i) else "m", row=row, position=position)
+    first = int(model.tendon_adr[i])
+    wrapped = model.wrap_type[first : first + int(model.tendon_num[i])]
+    return Port(
+        name=f"tendon:{name}",
+        unit="rad" if _tendon_is_angular(model, i) else "m",
+        row=row,
+        position=position,
+        is_constant=bool(np.all(wrapped == int(mujoco.mjtWrap.mjWRAP_JOINT))),  # a fixed tendon
+    )
 
 
 def _site_port(model: Any, i: int, axis: int) -> Port | None:

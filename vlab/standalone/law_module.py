@@ -11,8 +11,8 @@ import numpy as np
 
 from vlab.files.text import one_line
 from vlab.physics.attach import Attached
+from vlab.physics.attached import AtActuator, AtPort, AtSensor
 from vlab.physics.effect import LinearPortEffect
-from vlab.physics.running import AtActuator, AtPort, AtSensor
 from vlab.plants.base import Port
 from vlab.plants.mjcf import AXES, MjcfPlant
 from vlab.standalone.law_source import CannotWrite, LawCode

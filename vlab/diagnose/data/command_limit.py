@@ -14,7 +14,7 @@ import numpy as np
 
 from vlab.cases.channel_map import Law, Run
 from vlab.cases.initial_state import replayed_commands
-from vlab.cases.replay import bench_for
+from vlab.cases.replay_bench import bench_for
 from vlab.cases.simulate import warmed_up
 from vlab.controllers import Controller
 from vlab.diagnose.settings import COMMAND_LIMIT

@@ -15,7 +15,7 @@ from vlab.diagnose.parameters.observation import ChannelRows
 from vlab.diagnose.parameters.reduced_model import observable
 from vlab.diagnose.settings import LOCATIONS, MODE_SELECTION
 from vlab.fe.second_order import SecondOrderModel
-from vlab.physics.running import STAGGERED
+from vlab.physics.port_lines import STAGGERED
 from vlab.plants.base import Plant
 from vlab.signals import Array
 

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from vlab.cases.channel_map import Compared
-from vlab.cases.replay import Bench, State
+from vlab.cases.replay_bench import Bench, State
 from vlab.diagnose.settings import OBSERVATION
 from vlab.plants.base import Plant, without_limits
 from vlab.signals import Array

@@ -10,7 +10,7 @@ from vlab.cases.case import Case
 from vlab.cases.channel_map import Compared, Law, Run
 from vlab.cases.clock import plan_clock
 from vlab.cases.initial_state import replayed_commands
-from vlab.cases.replay import bench_for
+from vlab.cases.replay_bench import bench_for
 from vlab.diagnose.data.band import fastest
 from vlab.diagnose.data.repeats import with_repeats
 from vlab.diagnose.parameters.observation import within_limits

@@ -14,9 +14,10 @@ from vlab.diagnose.parameters.reduced_model import observable
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.settings import FREQUENCY_MODEL
 from vlab.errors import BadCase
+from vlab.physics.attached import AtActuator, AtPort, AtSensor
 from vlab.physics.describing_function import has_describing_function
 from vlab.physics.native_laws import native_laws
-from vlab.physics.running import AtActuator, AtPort, AtSensor, tap_index
+from vlab.physics.running import tap_index
 from vlab.physics.small_signal import is_linear
 from vlab.plants.base import Plant
 from vlab.signals import ORDER, Array

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.kernels.expression_graph import AT_MOBILITY, integrate_lanes, loaded
+from vlab.diagnose.kernels.expression_graph import integrate_lanes
 from vlab.diagnose.settings import MODAL_INTEGRATION
+from vlab.physics.compiled_expression import AT_MOBILITY, loaded
 from vlab.physics.expression import ExpressionGraph
 from vlab.signals import Array
 

@@ -4,7 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vlab.diagnose.kernels.expression_graph import (
+from vlab.diagnose.kernels.expression_graph import in_any_order
+from vlab.diagnose.predictors.trajectory_laws import Law
+from vlab.diagnose.settings import TRAJECTORY_INTEGRATION
+from vlab.physics.compiled_expression import (
     AT_COMMAND,
     AT_FREE,
     AT_MOBILITY,
@@ -13,11 +16,8 @@ from vlab.diagnose.kernels.expression_graph import (
     AT_Z,
     ExpressionGraphs,
     evaluate,
-    in_any_order,
     loaded,
 )
-from vlab.diagnose.predictors.trajectory_laws import Law
-from vlab.diagnose.settings import TRAJECTORY_INTEGRATION
 from vlab.physics.effect import PortEffect
 from vlab.physics.expression import SIGNALS, ExpressionGraph, trace_expression
 from vlab.signals import Array

@@ -8,7 +8,7 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.cases.channel_map import Compared
-from vlab.cases.replay import Bench
+from vlab.cases.replay_bench import Bench
 from vlab.diagnose.data.mains_interference import MainsInterference, find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.runs import Signals, thinning
 from vlab.diagnose.kernels.parallel import side_by_side

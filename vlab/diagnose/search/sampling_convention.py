@@ -19,7 +19,7 @@ from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import SAMPLING_CONVENTION
 from vlab.physics.effect import Effect
-from vlab.physics.running import STAGGERED
+from vlab.physics.port_lines import STAGGERED
 from vlab.signals import ORDER
 
 WORDS: dict[Hold, str] = {

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from vlab.cases.channel_map import Run
-from vlab.cases.replay import at_timestep
+from vlab.cases.replay_bench import at_timestep
 from vlab.cases.simulate import simulate
 from vlab.diagnose.data.command_limit import CommandLimit
 from vlab.diagnose.data.mains_interference import MainsInterference

@@ -1,0 +1,79 @@
+"""Replays in compiled code beside the same steps in Python."""
+
+import numpy as np
+import pytest
+from physics_rig import CHANNEL_VALUES, PORT_VALUES, chain_rig
+
+from vlab.cases import replay
+from vlab.cases.compiled_replay import LEAST_MEMORY
+from vlab.cases.initial_state import InitialState
+from vlab.cases.simulate import simulate
+from vlab.physics.attach import Attached, attach
+from vlab.physics.catalogue import effect_named
+
+
+def both(rig, effects, monkeypatch):
+    """Return the channels of a run in compiled code and in Python."""
+    plant = attach(rig.case.plant, [Attached(effect_named(n), at, p) for n, at, p in effects])
+    qvel = np.linspace(0.1, 0.3, plant.model.nv)
+    start, runs, compiled = InitialState(qpos=plant.rest + 1e-3, qvel=qvel, how="given"), [], []
+    inside = replay.replay_compiled
+
+    def counted(*args):
+        compiled.append(inside(*args))
+        return compiled[-1]
+
+    monkeypatch.setattr(replay, "replay_compiled", counted)
+    for can in (replay.can_compile, lambda plant, ports: False):
+        monkeypatch.setattr(replay, "can_compile", can)
+        runs.append(simulate(plant, rig.run, initial=start).recording.select(list(rig.problem.names)).data)
+    assert len(compiled) == bool(plant.physics)  # native effects run in MuJoCo's own loop
+    assert all(done is not None for done in compiled)
+    return runs
+
+
+def check(runs):
+    here, there = runs
+    assert np.all(np.isfinite(here))
+    assert here == pytest.approx(there, rel=1e-9, abs=1e-11 * np.abs(there).max())
+
+
+@pytest.mark.parametrize("name", PORT_VALUES)
+def test_an_effect_at_a_port(name, monkeypatch):
+    rig, (at, values) = chain_rig(kind="hinge" if name == "rotary-inertia" else "slide"), PORT_VALUES[name]
+    check(both(rig, [(name, at, values)], monkeypatch))
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast"])
+def test_several_effects_act_on_each_other(integrator, monkeypatch):
+    names = ("added-mass", "viscous-damping", "cubic-stiffness", "lugre-friction", "attached-oscillator", "bouc-wen")
+    effects = [(name, *PORT_VALUES[name]) for name in names]
+    check(both(chain_rig(integrator=integrator), effects, monkeypatch))
+
+
+@pytest.mark.parametrize("name", CHANNEL_VALUES)
+def test_an_effect_on_a_channel_or_actuator(name, monkeypatch):
+    rig, (at, values) = chain_rig(step=1e-3), CHANNEL_VALUES[name]
+    check(both(rig, [(name, at, values), ("bouc-wen", *PORT_VALUES["bouc-wen"])], monkeypatch))
+
+
+def test_steps_of_runge_kutta_stay_in_python():
+    plant = chain_rig(integrator="RK4").case.plant
+    assert not replay.can_compile(plant, ())
+
+
+def test_a_model_with_little_memory_stays_in_python(monkeypatch):
+    rig = chain_rig()
+    plant = attach(rig.case.plant, [Attached(effect_named("bouc-wen"), *PORT_VALUES["bouc-wen"])])
+    assert plant.model.narena >= LEAST_MEMORY
+    asked = []
+
+    def refused(*args):
+        asked.append(args)
+        raise replay.NotSafe
+
+    rest = InitialState(qpos=plant.rest, qvel=np.zeros(plant.model.nv), how="rest")
+    expected = simulate(plant, rig.run, initial=rest).recording.data
+    monkeypatch.setattr(replay, "replay_compiled", refused)
+    assert simulate(plant, rig.run, initial=rest).recording.data == pytest.approx(expected, rel=1e-9, abs=1e-12)
+    assert asked

@@ -1,0 +1,371 @@
+"""Replay of a recording without a law in the loop, in compiled code.
+
+Inputs of all steps are known before the run. Steps, port forces and readings follow in compiled code, see
+`vlab.cases.replay` for the order of a step.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from vlab.cases.channel_map import Run
+from vlab.cases.open_loop import CHECK_EVERY
+from vlab.cases.replay_bench import Bench, State
+from vlab.compilation import compiled
+from vlab.physics.compiled_ports import CompiledPorts, Views, add_effort_readings, add_port_forces, compile_ports
+from vlab.physics.running import Running
+from vlab.plants.base import Plant, Port, check_run
+from vlab.plants.compiled_steps import IS_AVAILABLE, c_function, first_half, second_half
+from vlab.signals import Array
+
+LEAST_MEMORY = 2**20
+"""LEAST_MEMORY [bytes]: memory of a model from which runs in compiled code are safe. MuJoCo ends the process where memory
+for contacts runs out in compiled code."""
+INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
+
+_forward, _forward_skip = c_function("mj_forward"), c_function("mj_forwardSkip")
+_fwd_position, _fwd_velocity = c_function("mj_fwdPosition"), c_function("mj_fwdVelocity")
+_sensor_position, _sensor_velocity = c_function("mj_sensorPos"), c_function("mj_sensorVel")
+_copy_state, _integrate_position = c_function("mj_copyState"), c_function("mj_integratePos")
+
+
+class Inputs(NamedTuple):
+    """Known inputs of a run.
+
+    Parameters
+    ----------
+    forces : (n_steps, n_actuators) array
+        Forces of the actuators [SI].
+    seen : (n_readings, n_actuators) array
+        Forces of the actuators as sensors see them.
+    loads, seen_loads : (n_steps, n_loads) and (n_readings, n_loads) array
+        Forces on ports.
+    """
+
+    forces: Array
+    seen: Array
+    loads: Array
+    seen_loads: Array
+
+
+class Matrices(NamedTuple):
+    """Constant matrices of a plant.
+
+    Parameters
+    ----------
+    controls : (nu, n_actuators) array
+        Controls per force.
+    load_rows : (n_loads, nv) array
+        Jacobian rows of the loaded ports.
+    dissipation, restoring : (nv, nv) array
+        Negative damping and stiffness matrix of the plant; empty for none.
+    at_rest : (nq,) array
+        Configuration without restoring force.
+    """
+
+    controls: Array
+    load_rows: Array
+    dissipation: Array
+    restoring: Array
+    at_rest: Array
+
+
+class Records(NamedTuple):
+    """Readings of a run, without the half step of position.
+
+    Parameters
+    ----------
+    raw : (n_readings, nsensordata) array
+        Sensor values of MuJoCo.
+    qpos, qvel, qacc : (n_readings, nq or nv) array
+        Motion; no columns where no channel needs the motion.
+    """
+
+    raw: Array
+    qpos: Array
+    qvel: Array
+    qacc: Array
+
+
+class NotSafe(Exception):
+    """A run that may need more memory than the model has."""
+
+
+def can_compile(plant: Plant, loaded: Sequence[Port]) -> bool:
+    """Return whether compiled code can take the steps of a plant.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    loaded : sequence of Port
+        Ports with recorded forces.
+    """
+    is_split = plant.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4  # two halves are no step of Runge-Kutta
+    return IS_AVAILABLE and is_split and all(port.is_constant for port in loaded)
+
+
+def replay_compiled(
+    bench: Bench,
+    run: Run,
+    state: State,
+    physics: Running | None,
+    drives: tuple[Array, Array],
+    loads: tuple[Sequence[Port], Array, Array],
+    progress: Callable[[float], None],
+) -> tuple[Array, Records] | None:
+    """Simulate a run without a law in the loop.
+
+    Parameters
+    ----------
+    bench : Bench
+        Plant with its readings.
+    run : Run
+        Recording with mapped channels.
+    state : State
+        Initial state.
+    physics : Running or None
+        Attached physics; its actuator effects advance.
+    drives : tuple of array
+        Forces of the actuators over every step, and at the readings.
+    loads : tuple
+        Ports, their forces over every step, and at the readings.
+    progress : callable
+        Receives the completed share of the run.
+
+    Returns
+    -------
+    tuple of (array, Records) or None
+        Forces over every step under the actuator effects, and the readings. None if an effect cannot be compiled.
+
+    Raises
+    ------
+    NotSafe
+        The model has too little memory.
+    Diverged
+        The state left the finite range or MuJoCo reset the run.
+    """
+    plant, model, ports = bench.plant, bench.model, None
+    if physics is not None and physics.ports is not None:
+        ports = compile_ports(plant, physics.ports.lines)
+        if ports is None:
+            return None
+    forces, present = drives[0].copy(), drives[1].copy()
+    steps = len(forces) // max(len(present) - 1, 1)
+    if physics is not None and physics.has_actuators:
+        for step, row in enumerate(forces):
+            physics.actuate(row)
+            if (step + 1) % steps == 0:
+                present[(step + 1) // steps] += physics.last_change
+    at_rest = plant.new_data()
+    matrices = Matrices(
+        controls=np.ascontiguousarray(plant.control_matrix),
+        load_rows=np.array([port.row(at_rest) for port in loads[0]]).reshape(-1, model.nv),
+        dissipation=_negative(plant.dissipation),
+        restoring=_negative(plant.restoring),
+        at_rest=model.qpos0.copy(),
+    )
+    n, moves = len(present), any(c.sensor is None and c.port for c in run.compared)
+    records = Records(
+        raw=np.zeros((n, model.nsensordata)),
+        qpos=np.zeros((n, model.nq * moves)),
+        qvel=np.zeros((n, model.nv * moves)),
+        qacc=np.zeros((n, model.nv * moves)),
+    )
+    inputs = Inputs(forces, present, np.ascontiguousarray(loads[1]), np.ascontiguousarray(loads[2]))
+    bench.start(state)
+    part = max(CHECK_EVERY // max(steps, 1), 1)
+    for first in range(0, n, part):
+        last = min(first + part, n)
+        run_compiled(
+            model,
+            bench.pair,
+            ports,
+            inputs,
+            matrices,
+            records,
+            (first, last),
+            ahead=bench.ahead,
+            reads_forces=bench.reads_forces(run.compared),
+        )
+        check_run(model, bench.data, min(last, n - 1) * steps * model.opt.timestep)
+        progress(last / n)
+    return forces, records
+
+
+def _negative(matrix: Array | None) -> Array:
+    """Return the negative of a matrix in C order; an empty matrix for None."""
+    return np.zeros((0, 0)) if matrix is None else np.array(-matrix, dtype=float, order="C")
+
+
+def run_compiled(
+    model: Any,
+    pair: tuple[Any, Any],
+    ports: CompiledPorts | None,
+    inputs: Inputs,
+    matrices: Matrices,
+    records: Records,
+    span: tuple[int, int],
+    *,
+    ahead: float,
+    reads_forces: bool,
+) -> None:
+    """Simulate the readings of a span, in place.
+
+    Parameters
+    ----------
+    model : MjModel
+        Compiled model.
+    pair : tuple of MjData
+        State of the run, and a copy for the readings.
+    ports : CompiledPorts or None
+        Port forces; None for none.
+    inputs : Inputs
+        Inputs of the whole run.
+    matrices : Matrices
+        Matrices of the plant.
+    records : Records
+        Readings of the whole run, overwritten in the span.
+    span : tuple of int
+        First reading, and reading after the last one.
+    ahead : float
+        Time by which positions are ahead of velocities in the state [s].
+    reads_forces : bool
+        Whether readings depend on forces.
+
+    Raises
+    ------
+    NotSafe
+        More than half of the model's memory was used.
+    """
+    data, copy = pair
+    if model.narena < LEAST_MEMORY or 2 * data.maxuse_arena > model.narena:
+        raise NotSafe
+    _run(
+        (model._address, data._address, copy._address),
+        (Views.of(data), Views.of(copy)),
+        no_ports(model) if ports is None else ports,
+        inputs,
+        matrices,
+        records,
+        span,
+        (float(data.time), float(model.opt.timestep), ahead),
+        reads_forces,
+    )
+    if 2 * data.maxuse_arena > model.narena:
+        raise NotSafe
+
+
+def no_ports(model: Any) -> CompiledPorts:
+    """Return port forces without a line.
+
+    Parameters
+    ----------
+    model : MjModel
+        Compiled model.
+
+    Returns
+    -------
+    CompiledPorts
+        Arrays of no line.
+    """
+    empty, none = np.zeros((0, int(model.nv))), np.zeros(0, dtype=np.int64)
+    graphs = (np.zeros((0, 4), dtype=np.int64), np.zeros((1, 3), dtype=np.int64), none, none, none)
+    return CompiledPorts(
+        rows=empty,
+        solved=empty.copy(),
+        corrected=empty.copy(),
+        at_rest=np.zeros(int(model.nq)),
+        damping=np.zeros(0),
+        linear=np.zeros((3, 0)),
+        is_fixed=True,
+        is_staggered=True,
+        h=float(model.opt.timestep),
+        laws=np.zeros((0, 4), dtype=np.int64),
+        graphs=graphs,
+        registers=np.zeros((0, 1)),
+        last=np.zeros(0),
+        efforts=np.zeros((int(model.nsensordata), int(model.nv))),
+        in_drive=np.zeros(0),
+        line=np.zeros((6, 0)),
+        compliance=np.zeros((0, 0)),
+        working=np.zeros((0, 0)),
+    )
+
+
+@compiled(error_model="numpy", nogil=True)
+def _apply(view: Views, m: Matrices, force: Array, loads: Array, moved: Array) -> None:  # pragma: no cover - compiled
+    """Set controls and applied forces of a state."""
+    for i in range(view.ctrl.size):
+        view.ctrl[i] = 0.0
+        for j in range(force.size):
+            view.ctrl[i] += m.controls[i, j] * force[j]
+    for i in range(view.applied.size):
+        view.applied[i] = 0.0
+        for j in range(m.dissipation.shape[0]):
+            view.applied[i] += m.dissipation[i, j] * view.qvel[j]
+    if m.restoring.shape[0] > 0:
+        for i in range(moved.size):
+            moved[i] = view.qpos[i] - m.at_rest[i]
+        for i in range(view.applied.size):
+            for j in range(moved.size):
+                view.applied[i] += m.restoring[i, j] * moved[j]
+    for load in range(loads.size):
+        for i in range(view.applied.size):
+            view.applied[i] += m.load_rows[load, i] * loads[load]
+
+
+@compiled(error_model="numpy", nogil=True)
+def _run(
+    addresses: tuple[int, int, int],
+    views: tuple[Views, Views],
+    ports: CompiledPorts,
+    inputs: Inputs,
+    m: Matrices,
+    records: Records,
+    span: tuple[int, int],
+    times: tuple[float, float, float],
+    reads_forces: bool,
+) -> None:  # pragma: no cover - compiled
+    model, data, copy = addresses
+    view, seen = views
+    time, h, ahead = times
+    n_readings, n_ports, moved = records.raw.shape[0], ports.rows.shape[0], np.empty(m.at_rest.size)
+    steps = inputs.forces.shape[0] // max(n_readings - 1, 1)
+    held = np.zeros(inputs.forces.shape[1])
+    for k in range(span[0], span[1]):
+        _copy_state(model, data, copy, INTEGRATION)
+        if ahead > 0.0:
+            _integrate_position(model, seen.qpos.ctypes.data, seen.qvel.ctypes.data, -ahead)
+        if reads_forces:
+            _apply(seen, m, inputs.seen[k], inputs.seen_loads[k], moved)
+            _forward(model, copy)
+            if n_ports > 0:
+                commands = inputs.forces[k * steps - 1] if k > 0 else held
+                add_port_forces(model, copy, seen, ports, commands, time, False)
+                _forward_skip(model, copy, VELOCITY, 0)
+                add_effort_readings(seen, ports)
+        else:
+            _fwd_position(model, copy)
+            _sensor_position(model, copy)
+            _fwd_velocity(model, copy)
+            _sensor_velocity(model, copy)
+        for i in range(records.raw.shape[1]):
+            records.raw[k, i] = seen.sensordata[i]
+        for i in range(records.qpos.shape[1]):
+            records.qpos[k, i] = seen.qpos[i]
+        for i in range(records.qvel.shape[1]):
+            records.qvel[k, i] = seen.qvel[i]
+            records.qacc[k, i] = seen.qacc[i]
+        if k == n_readings - 1:
+            break
+        for step in range(k * steps, (k + 1) * steps):
+            _apply(view, m, inputs.forces[step], inputs.loads[step], moved)
+            first_half(model, data)
+            if n_ports > 0:
+                add_port_forces(model, data, view, ports, inputs.forces[step], time, True)
+            second_half(model, data)
+            time += h
