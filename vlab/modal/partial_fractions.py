@@ -368,6 +368,30 @@ def is_mode(problem: FitProblem, state: FitState) -> NDArray[np.bool_]:
     return (omega >= problem.omega[0]) & (omega <= problem.omega[-1]) & (zeta < 1)
 
 
+def fits_several_lines(problem: FitProblem, state: FitState, pole: int) -> bool:
+    """Return whether a pole is significant without its best line.
+
+    The residues of a narrow pole fit any single line exactly, so an outlier is no resonance.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        Weighted data.
+    state : FitState
+        Fit.
+    pole : int
+        Index of the pole.
+
+    Returns
+    -------
+    bool
+        Whether the other lines decrease the cost by more than the information criterion asks.
+    """
+    without = problem.evaluate(np.delete(state.theta, pole, axis=0))
+    lines = np.sum(np.abs(without.errors) ** 2 - np.abs(state.errors) ** 2, axis=1)
+    return bool(lines.sum() - lines.max() > _penalty(problem, state))
+
+
 def _pruned(problem: FitProblem, state: FitState) -> FitState:
     """Remove poles with a small effect on the cost.
 

@@ -17,7 +17,14 @@ from scipy import signal
 from vlab.errors import BadRecording
 from vlab.modal.frf import MeasuredFrequencyResponse
 from vlab.modal.noise import EXACT, known_variance
-from vlab.modal.partial_fractions import FitProblem, FitState, fit_partial_fractions, is_mode, pole_mac
+from vlab.modal.partial_fractions import (
+    FitProblem,
+    FitState,
+    fit_partial_fractions,
+    fits_several_lines,
+    is_mode,
+    pole_mac,
+)
 from vlab.modal.plscf import persistent_poles, plscf_chart
 from vlab.signals import Array, ComplexArray, FrequencyResponse, ModalModel
 
@@ -213,10 +220,7 @@ def estimate_poles(
     chart = plscf_chart(problem, wanted)
     poles = persistent_poles(chart, problem.omega)
     state = fit_partial_fractions(problem, poles, n_modes)
-    sure = state.poles[
-        _confidence(state.poles, chart) >= min_confidence
-    ]  # a weight by a doubtful pole confirms the pole
-    charts = [chart, plscf_chart(problem, wanted, sure)]
+    charts = [chart, plscf_chart(problem, wanted, state.poles)]
     return _report(used, problem, state, charts, wanted, n_modes, min_confidence)
 
 
@@ -302,6 +306,9 @@ def _report(
     """
     poles = state.poles
     each = np.array([_confidence(poles, chart) for chart in charts])
+    for k in np.flatnonzero((each[0] < min_confidence) & (each[1] >= min_confidence)):
+        if not fits_several_lines(problem, state, int(k)):  # its own weight repeats the pole in the second chart
+            each[1, k] = each[0, k]
     confidence, chart = each.max(axis=0), charts[int(np.argmax(each.sum(axis=1)))]
     residues = problem.residues(state)
     H = (problem.basis(state.theta) @ state.coefficients.T).reshape(used.H.shape)
