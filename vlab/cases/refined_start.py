@@ -10,8 +10,9 @@ from vlab.cases.replay_bench import Bench, bench_for
 from vlab.errors import Diverged
 from vlab.signals import Array
 
-REFINEMENTS = 8
-"""REFINEMENTS [1]: largest number of Gauss-Newton iterations."""
+REFINEMENTS, HALVINGS = 8, 4
+"""REFINEMENTS [1]: largest number of Gauss-Newton iterations.
+HALVINGS [1]: largest number of times that a step without gain is halved."""
 
 
 def window_residual(problem: StartProblem, x: Array, offset: Array, bench: Bench | None = None) -> Array:
@@ -50,7 +51,7 @@ def refine(problem: StartProblem, x: Array, left: Array, offset: Array) -> tuple
 
     A Jacobian takes a simulation per state. The first one is that of the plant without attached effects, which runs in
     MuJoCo's own loop, and Broyden's rank-one updates keep it. After a step without gain, the Jacobian of the model itself
-    is computed. A failed iteration keeps the preceding estimate.
+    is computed, and its steps are halved until they gain. A failed iteration keeps the preceding estimate.
 
     Parameters
     ----------
@@ -76,7 +77,7 @@ def refine(problem: StartProblem, x: Array, left: Array, offset: Array) -> tuple
             held = problem.held * np.eye(x.size)
             rows, wanted = np.vstack([slopes, held]), np.concatenate([left, problem.held * x])
             step = -np.linalg.lstsq(rows, wanted, rcond=1e-9)[0]
-            trial = window_residual(problem, x + step, offset)
+            step, trial = _gaining(problem, x, step, left, offset, halvings=HALVINGS if is_exact else 0)
             gained = 1.0 - float(trial @ trial) / float(left @ left)
             if not gained > 0 and is_exact:
                 break
@@ -90,6 +91,23 @@ def refine(problem: StartProblem, x: Array, left: Array, offset: Array) -> tuple
     except Diverged:
         pass  # the step was too long; the preceding estimate stands
     return x, left
+
+
+def _gaining(
+    problem: StartProblem, x: Array, step: Array, left: Array, offset: Array, *, halvings: int
+) -> tuple[Array, Array]:
+    """Return a step, halved until it gains, and its residual."""
+    for halved in range(halvings + 1):
+        try:
+            trial = window_residual(problem, x + step, offset)
+        except Diverged:
+            if halved == halvings:
+                raise
+        else:
+            if halved == halvings or float(trial @ trial) < float(left @ left):
+                break
+        step = step / 2
+    return step, trial
 
 
 def _first_slopes(problem: StartProblem, x: Array, left: Array, offset: Array) -> tuple[Array, bool]:
