@@ -75,6 +75,26 @@ ANGULAR = {"kg": "kg m^2", "N": "N m", "m": "rad", "N/m": "N m/rad", "N s/m": "N
 """Units at a rotation by units at a translation."""
 
 
+def at_rotation(unit: str) -> str:
+    """Return a unit at a rotation, with moments and angles.
+
+    Parameters
+    ----------
+    unit : str
+        Unit at a translation.
+
+    Returns
+    -------
+    str
+        Unit at a rotation.
+    """
+    if unit in ANGULAR:
+        return ANGULAR[unit]
+    if unit == "kg m^2":  # a rotary inertia exists at a rotation only
+        return unit
+    return unit.replace("N", "N m", 1).replace("/m", "/rad") if unit.startswith("N") else unit.replace("m", "rad")
+
+
 @lru_cache(maxsize=1)
 def _registry() -> Any:
     """Return the tested registry of units.

@@ -100,6 +100,17 @@ def test_files_elsewhere_need_the_permission(arm, tmp_path):
     assert not draft_case(str(model), logs, logs[0].parent).leaves_folder
 
 
+def test_files_of_one_name_are_told_by_their_folders(arm, tmp_path):
+    model, logs = arm
+    copies = []
+    for i, log in enumerate(logs[:2]):
+        (tmp_path / f"run{i}").mkdir()
+        copies.append(tmp_path / f"run{i}" / f"log{log.suffix}")
+        copies[i].write_bytes(log.read_bytes())
+    text = draft_case(str(model), copies, tmp_path).text
+    assert [table["name"] for table in tomllib.loads(text)["recording"]] == ["run0 log", "run1 log"]
+
+
 def test_names_with_signs_of_patterns_and_quotes_are_kept(tmp_path):
     (tmp_path / "arm.xml").write_text(ARM)
     logs = [write_log(tmp_path / f'run "{i}" [of 2].csv', i, 2.0) for i in (1, 2)]

@@ -221,6 +221,13 @@ def test_the_modes_of_a_model_are_found(capsys, cart, tmp_path):
     assert mode["found_zeta"] == pytest.approx(DAMPING / (2 * np.sqrt(STIFFNESS * MASS)), rel=0.1)
 
 
+def test_an_effect_at_a_hinge_is_told_with_units_of_rotation(capsys, arm, tmp_path):
+    effect = ["--effect", "coulomb-friction@joint:elbow_flex:force=0.05", "--seconds", "1"]
+    status, out, err = run(capsys, "experiment", arm, *effect, "--out", str(tmp_path / "run"))
+    assert status == 0, err
+    assert "effect in the plant: coulomb-friction at joint:elbow_flex: force = 0.05 N m\n" in out
+
+
 @pytest.mark.slow
 def test_a_diagnosis_of_the_recordings_names_the_effect_in_the_bench(capsys, arm, tmp_path):
     runs = [str(tmp_path / name) for name in ("run1", "run2")]

@@ -23,6 +23,8 @@ from vlab.lab.run_folder import DoneRun, RunSettings
 from vlab.lab.suited import Suited, suited
 from vlab.physics.attach import Attached
 from vlab.physics.spec import parse_effect
+from vlab.plants.base import Plant
+from vlab.units import at_rotation
 from vlab.views.rerun.viewer import PORT, listening, viewer_at
 
 RUN_OUT, PLAN_OUT = "out/run", "out/plan"
@@ -266,7 +268,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     document |= loop_facts(done)
     text = "".join(f"powering up, after {fault.time:.0f} s: {fault.words}\n" for fault in prepared.faults)
     applied = [parse_effect(effect, code=settings.named_code) for effect in settings.effect]
-    text += "".join(f"effect in the plant: {_applied(one)}\n" for one in applied)
+    text += "".join(f"effect in the plant: {_applied(one, prepared.plant)}\n" for one in applied)
     text += loop_text(document)
     text += period_text(prepared.experiment.excitation, settings.seconds)
     text += f"{fitting.words}\n" if fitting.words else ""
@@ -306,9 +308,12 @@ def _settings(arguments: argparse.Namespace) -> RunSettings:
     )
 
 
-def _applied(attached: Attached) -> str:
+def _applied(attached: Attached, plant: Plant) -> str:
     """Return an effect with its place and its values in SI."""
-    units = {p.name: "" if p.unit == "1" else f" {p.unit}" for p in attached.effect.parameters}
+    port = plant.ports.get(attached.place)
+    is_angular = port is not None and port.unit == "rad"
+    own = {p.name: at_rotation(p.unit) if is_angular else p.unit for p in attached.effect.parameters}
+    units = {name: "" if unit == "1" else f" {unit}" for name, unit in own.items()}
     values = ", ".join(f"{name} = {value:.4g}{units[name]}" for name, value in attached.values.items())
     return f"{attached.effect.name} at {attached.place}: {values}"
 

@@ -18,7 +18,7 @@ from vlab.diagnose.settings import FINDINGS
 from vlab.diagnose.validation.gap import Distance
 from vlab.physics.effect import Effect, Parameter
 from vlab.plants.base import Plant
-from vlab.units import ANGULAR
+from vlab.units import at_rotation
 
 TOLD: tuple[Verdict, ...] = ("missing-physics", "nothing-missing")
 """Verdicts with meaningful probabilities among the tried hypotheses."""
@@ -355,26 +355,6 @@ def command_unit(problem: Reportable, index: int) -> str:
         if channels:
             return str(run.measured.channels[run.measured.index(channels[0])].unit)
     return ""
-
-
-def at_rotation(unit: str) -> str:
-    """Return a unit at a rotation, with moments and angles.
-
-    Parameters
-    ----------
-    unit : str
-        Unit at a translation.
-
-    Returns
-    -------
-    str
-        Unit at a rotation.
-    """
-    if unit in ANGULAR:
-        return ANGULAR[unit]
-    if unit == "kg m^2":  # a rotary inertia exists at a rotation only
-        return unit
-    return unit.replace("N", "N m", 1).replace("/m", "/rad") if unit.startswith("N") else unit.replace("m", "rad")
 
 
 def _most(places: dict[str, float]) -> tuple[str, ...]:

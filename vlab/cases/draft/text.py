@@ -77,13 +77,20 @@ def _recording(part: Part, names: dict[Path, str], clock: LogClock) -> list[str]
         lines += ["", "[[recording]]"] if lines else ["[[recording]]"]
         lines.append(f"files = {toml_value(group)}" if several else f"file = {toml_value(group[0])}")
         lines += [f"role = {toml_value(part.role)}  # {why}"]
-        name = part.name or ("" if several or part.episodes else _stem(group[0]))
+        name = part.name or ("" if several or part.episodes else _own_name(group[0], list(names.values())))
         lines += [f"name = {toml_value(one_line(name))}"] if name else []
         lines += [f"episodes = {toml_value(list(part.episodes))}"] if part.episodes else []
         lines += _clock(clock)
         lines += [f"start_s = {part.start_s!r}"] if part.start_s is not None else []
         lines += [f"stop_s = {part.stop_s!r}"] if part.stop_s is not None else []
     return lines
+
+
+def _own_name(file: str, files: list[str]) -> str:
+    """Return a file's name without suffixes, with its folder where several files have that name."""
+    own = _stem(file)
+    is_shared = sum(_stem(other) == own for other in files) > 1
+    return f"{Path(file).parent.name} {own}".strip() if is_shared else own
 
 
 def _stem(file: str) -> str:
