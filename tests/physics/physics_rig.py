@@ -121,6 +121,21 @@ def _chain_case(folder: Path, kind: str, step: float, integrator: str) -> Case:
     return load_case(folder)
 
 
+SERVO = '<position name="push" joint="a" gear="2" kp="40" kv="0.8" forcerange="-30 30"{}/>'
+"""A servo in place of the first motor; its commands are the motor's forces as lengths, 20 times as small."""
+FILTER_OF_SERVO = ' timeconst="0.01"'
+
+
+def servoed(folder: Path, servo: str) -> Case:
+    """Return the case of a folder with a servo in place of the first motor."""
+    model, text = (folder / "rig.xml").read_text(), (folder / "case.toml").read_text()
+    model = model.replace('<joint name="a"', '<joint name="a" armature="0.4"')
+    (folder / "rig.xml").write_text(model.replace('<motor name="push" joint="a"/>', servo))
+    as_force, as_command = 'kind = "force"\nunit = "N"', 'kind = "command"\nunit = "m"\nscale = 0.05'
+    (folder / "case.toml").write_text(text.replace(as_force, as_command, 1))
+    return load_case(folder)
+
+
 PORT_VALUES: dict[str, tuple[str, dict[str, float]]] = {
     "added-mass": ("joint:b", {"mass": 0.2}),
     "lost-stiffness": ("joint:b", {"share": 0.2}),
@@ -193,3 +208,14 @@ CHANNEL_VALUES: dict[str, tuple[str, dict[str, float]]] = {
     "misplaced-sensor": ("sensor:pos_a/pos_c", {"share": 0.1}),
 }
 """Of every effect on actuators and sensors, the same."""
+
+OF_SERVOS = {
+    "servo-position-gain": {"gain": -0.3},
+    "servo-velocity-gain": {"gain": 0.5},
+    "servo-torque-constant": {"gain": -0.2},
+    "servo-error-dead-zone": {"threshold": 0.1},
+    "servo-force-limit": {"limit": 8.0},
+    "servo-backlash": {"gap": 0.02, "stiffness": 800.0, "damping_ratio": 0.1, "motor_share": 0.5},
+    "servo-compliance": {"stiffness": 200.0, "damping_ratio": 0.1, "motor_share": 1.0},
+}
+"""Of every effect within a servo: values that show."""

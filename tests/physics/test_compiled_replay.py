@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from physics_rig import CHANNEL_VALUES, PORT_VALUES, chain_rig
+from physics_rig import CHANNEL_VALUES, FILTER_OF_SERVO, OF_SERVOS, PORT_VALUES, SERVO, _chain_case, chain_rig, servoed
 
 from vlab.cases import replay
 from vlab.cases.compiled_replay import LEAST_MEMORY
@@ -14,7 +14,14 @@ from vlab.physics.catalogue import effect_named
 
 def both(rig, effects, monkeypatch):
     """Return the channels of a run in compiled code and in Python."""
-    plant = attach(rig.case.plant, [Attached(effect_named(n), at, p) for n, at, p in effects])
+    return of_case(rig.case, effects, monkeypatch)
+
+
+def of_case(case, effects, monkeypatch):
+    """Return the same of the first run of a case."""
+    plant = attach(case.plant, [Attached(effect_named(n), at, p) for n, at, p in effects])
+    (run, *_) = case.runs(("fit",))
+    names = [c.channel for c in run.compared]
     qvel = np.linspace(0.1, 0.3, plant.model.nv)
     start, runs, compiled = InitialState(qpos=plant.rest + 1e-3, qvel=qvel, how="given"), [], []
     inside = replay.replay_compiled
@@ -26,7 +33,7 @@ def both(rig, effects, monkeypatch):
     monkeypatch.setattr(replay, "replay_compiled", counted)
     for can in (replay.can_compile, lambda plant, ports: False):
         monkeypatch.setattr(replay, "can_compile", can)
-        runs.append(simulate(plant, rig.run, initial=start).recording.select(list(rig.problem.names)).data)
+        runs.append(simulate(plant, run, initial=start).recording.select(names).data)
     assert len(compiled) == bool(plant.physics)  # native effects run in MuJoCo's own loop
     assert all(done is not None for done in compiled)
     return runs
@@ -55,6 +62,14 @@ def test_several_effects_act_on_each_other(integrator, monkeypatch):
 def test_an_effect_on_a_channel_or_actuator(name, monkeypatch):
     rig, (at, values) = chain_rig(step=1e-3), CHANNEL_VALUES[name]
     check(both(rig, [(name, at, values), ("bouc-wen", *PORT_VALUES["bouc-wen"])], monkeypatch))
+
+
+@pytest.mark.parametrize("lag", ["", FILTER_OF_SERVO])
+@pytest.mark.parametrize("name", OF_SERVOS)
+def test_an_effect_within_a_servo(name, lag, tmp_path, monkeypatch):
+    _chain_case(tmp_path, "slide", 5e-4, "implicitfast")
+    case, values = servoed(tmp_path, SERVO.format(lag)), OF_SERVOS[name]
+    check(of_case(case, [(name, "actuator:push", values)], monkeypatch))
 
 
 def test_steps_of_runge_kutta_stay_in_python():

@@ -13,9 +13,8 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "physics"))
 import physics_rig
-from physics_rig import CHANNEL_VALUES, PORT_VALUES
+from physics_rig import CHANNEL_VALUES, FILTER_OF_SERVO, OF_SERVOS, PORT_VALUES, SERVO
 
-from vlab.cases.case import load_case
 from vlab.cases.initial_state import InitialState
 from vlab.cases.simulate import simulate
 from vlab.physics.attach import Attached, attach
@@ -58,11 +57,6 @@ class Rig:
         return self.known[key]
 
 
-SERVO = '<position name="push" joint="a" gear="2" kp="40" kv="0.8" forcerange="-30 30"{}/>'
-"""A servo in place of the first motor; its commands are the motor's forces as lengths, 20 times as small."""
-FILTER_OF_SERVO = ' timeconst="0.01"'
-
-
 @lru_cache(maxsize=8)
 def rig_of(kind="slide", integrator="Euler", servo=""):
     files = TemporaryDirectory(prefix="vlab-answer-")
@@ -71,12 +65,7 @@ def rig_of(kind="slide", integrator="Euler", servo=""):
         patch.setattr(physics_rig, "SECONDS", 1.0)
         case = physics_rig._chain_case(folder, kind, SAMPLE / STEPS, integrator)
     if servo:
-        model, text = (folder / "rig.xml").read_text(), (folder / "case.toml").read_text()
-        model = model.replace('<joint name="a"', '<joint name="a" armature="0.4"')
-        (folder / "rig.xml").write_text(model.replace('<motor name="push" joint="a"/>', servo))
-        as_force, as_command = 'kind = "force"\nunit = "N"', 'kind = "command"\nunit = "m"\nscale = 0.05'
-        (folder / "case.toml").write_text(text.replace(as_force, as_command, 1))
-        case = load_case(folder)
+        case = physics_rig.servoed(folder, servo)
     return Rig(case.plant, case.runs(("fit",))[0], files)
 
 
@@ -115,15 +104,6 @@ SEVERAL = [
 """Effects that act on each other, with an actuator whose gain comes before its quantisation."""
 FORCED = {name: PORT_VALUES[name] for name in ("lugre-friction", "stribeck-friction", "structural-damping")}
 
-OF_SERVOS = {
-    "servo-position-gain": {"gain": -0.3},
-    "servo-velocity-gain": {"gain": 0.5},
-    "servo-torque-constant": {"gain": -0.2},
-    "servo-error-dead-zone": {"threshold": 0.1},
-    "servo-force-limit": {"limit": 8.0},
-    "servo-backlash": {"gap": 0.02, "stiffness": 800.0, "damping_ratio": 0.1, "motor_share": 0.5},
-    "servo-compliance": {"stiffness": 200.0, "damping_ratio": 0.1, "motor_share": 1.0},
-}
 AS_LAWS = ("servo-error-dead-zone", "servo-backlash", "servo-compliance")
 """Effects within a servo that no number of the servo can hold."""
 

@@ -148,11 +148,10 @@ def compile_ports(plant: Plant, lines: PortLines) -> CompiledPorts | None:
     found = []
     for i, a in lines.laws:
         effect: Any = a.effect
-        graph = trace_expression(effect, plant.timestep, numbers=tuple(effect.numbers), damped=lines.damped)
+        graph = trace_expression(effect, plant.timestep, damped=lines.damped)
         if graph is None:
             return None
-        names = [*(p.name for p in effect.parameters), *effect.numbers]
-        values, memory = [float(a.values[name]) for name in names], effect.memory(()) or []
+        values, memory = [float(a.values[p.name]) for p in effect.parameters], effect.memory(()) or []
         found.append((graph, values, memory, (i, *command_of(plant, a), graph.force)))
     graphs, registers = loaded([f[0] for f in found], [f[1] for f in found], [f[2] for f in found], (1,))
     n, nv = lines.rows.shape
