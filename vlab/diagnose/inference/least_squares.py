@@ -84,9 +84,10 @@ class LeastSquares:
         self.error_share = float(np.mean((self.problem.own_error * scale / self.sigma) ** 2))
         self.integration_share = float(np.mean((PROBLEM.integration_error * scale / self.sigma) ** 2))
         self.effective_share = self.effective_samples
-        if self.problem.case.structure is not None and self.effective_samples > EVIDENCE.model_error_samples:
-            # mesh error is correlated over samples: full weight would bias the uncertain parameters far from their priors
-            self.effective_share = effective_sample_size(self.noise_share, self.error_share, self.effective_samples)
+        if self.effective_samples > EVIDENCE.model_error_samples:
+            # model error is correlated over samples: full weight would bias the uncertain parameters far from their priors
+            error = self.error_share if self.problem.case.structure is not None else 1.0 - self.noise_share
+            self.effective_share = effective_sample_size(self.noise_share, error, self.effective_samples)
 
     @cached_property
     def weights(self) -> list[Array]:
