@@ -84,10 +84,15 @@ class LeastSquares:
         self.error_share = float(np.mean((self.problem.own_error * scale / self.sigma) ** 2))
         self.integration_share = float(np.mean((PROBLEM.integration_error * scale / self.sigma) ** 2))
         self.effective_share = self.effective_samples
-        if self.effective_samples > EVIDENCE.model_error_samples:
-            # model error is correlated over samples: full weight would bias the uncertain parameters far from their priors
-            error = self.error_share if self.problem.case.structure is not None else 1.0 - self.noise_share
-            self.effective_share = effective_sample_size(self.noise_share, error, self.effective_samples)
+        correlated = float(np.mean((self.correlated_error * scale / self.sigma) ** 2))
+        if correlated and self.effective_samples > EVIDENCE.model_error_samples:
+            # full weight would bias the uncertain parameters far from their priors
+            self.effective_share = effective_sample_size(self.noise_share, correlated, self.effective_samples)
+
+    @property
+    def correlated_error(self) -> float:
+        """Relative error of a complete model that is correlated over the samples: that of a mesh."""
+        return 0.0 if self.problem.case.structure is None else self.problem.own_error
 
     @cached_property
     def weights(self) -> list[Array]:

@@ -103,6 +103,11 @@ class TrajectoryLeastSquares(LeastSquares):
         self.directions = self._identifiable()
         self.free_starts = self._initial_condition_nuisance()
 
+    @property
+    def correlated_error(self) -> float:
+        """See `LeastSquares`; that of responses which are linear in the parameters, along a motion which is not."""
+        return self.problem.model_error
+
     def beside(self, terms: Sequence[Term]) -> LeastSquares:
         """See `LeastSquares`."""
         if not any(t.effect.kind == "sensor" for t in terms):
