@@ -15,7 +15,7 @@ from vlab.diagnose.settings import RESIDUAL_NOISE
 from vlab.signals import ORDER, Array
 
 
-def incoherent_rms(run: Run, channel: str, residual: Array) -> float:
+def incoherent_rms(run: Run, channel: str, residual: Array, noise_free: Array | None = None) -> float:
     """Estimate the rms of the noise in a residual.
 
     Parameters
@@ -26,6 +26,9 @@ def incoherent_rms(run: Run, channel: str, residual: Array) -> float:
         Channel of the residual.
     residual : (n,) array
         Recorded minus simulated values [SI].
+    noise_free : (n,) array, optional
+        Difference of two simulations of the channel [SI]. The share of it that the method cannot explain is the bias of
+        the method, such as of many inputs in a short recording.
 
     Returns
     -------
@@ -34,14 +37,23 @@ def incoherent_rms(run: Run, channel: str, residual: Array) -> float:
     """
     if not run.measured.is_uniform or np.ptp(residual) == 0:
         return 0.0
+    power = _unexplained(run, residual)
+    squares = 2.0 * float(np.sum(power)) + min(float(np.mean(residual)) ** 2, _of_mean(power))
+    squares = min(squares, float(np.mean(residual**2)))
+    if noise_free is not None and (spread := float(np.var(noise_free))) > RESIDUAL_NOISE.rank * float(np.var(residual)):
+        bias = 2.0 * float(np.sum(_unexplained(run, noise_free))) / spread
+        squares = max(squares - bias * float(np.var(residual)), 0.0)
+    rms = float(np.sqrt(squares))
+    return rms if RESIDUAL_NOISE.least_snr * rms <= float(np.std(run.measured[channel])) else 0.0
+
+
+def _unexplained(run: Run, signal: Array) -> Array:
+    """Return the power of a signal, on its lines, that inputs and motion do not explain; empty for too few lines."""
     inputs = [spectrum(run.measured[drive.channel]) for drive in run.drives]
     inputs = [x for x in inputs if np.any(x)]
     motions = [run.measured.index(c.channel) for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
-    lines = [noise_lines(residual, inputs, _nonlinear(run, column)) for column in motions]
-    power = min((p for p in lines if p is not None), key=np.sum, default=np.zeros(0)) / len(residual) ** 2
-    squares = 2.0 * float(np.sum(power)) + min(float(np.mean(residual)) ** 2, _of_mean(power))
-    rms = float(np.sqrt(min(squares, float(np.mean(residual**2)))))
-    return rms if RESIDUAL_NOISE.least_snr * rms <= float(np.std(run.measured[channel])) else 0.0
+    lines = [noise_lines(signal, inputs, _nonlinear(run, column)) for column in motions]
+    return min((p for p in lines if p is not None), key=np.sum, default=np.zeros(0)) / len(signal) ** 2
 
 
 def _of_mean(power: Array) -> float:

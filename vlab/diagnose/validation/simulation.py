@@ -405,7 +405,7 @@ def _checked(
         after=_rms(errors[2]),
         noise=_rms(noise),
         channels={n: tuple(float(x[i]) for x in (errors[0], stands, errors[2], noise)) for i, n in enumerate(names)},  # type: ignore[misc]
-        incoherent=_rms(np.maximum(noise, _incoherent(run, names, standing) / scale)),
+        incoherent=_rms(np.maximum(noise, _incoherent(run, names, standing, recordings) / scale)),
         calibrated=left[1],
         bare=left[-1] if findings else float("nan"),
         parts=tuple(parts),
@@ -429,15 +429,21 @@ def _log_ratios(
     return block_log_ratios(errors[0], errors[1], VALIDATION.blocks)
 
 
-def _incoherent(run: Run, names: Sequence[str], simulated: Recording | None) -> Array:
-    """Return the incoherent rms (n_names,) of a simulation's residual."""
+def _incoherent(
+    run: Run, names: Sequence[str], simulated: Recording | None, models: Sequence[Recording | None]
+) -> Array:
+    """Return the incoherent rms (n_names,) of a simulation's residual.
+
+    The difference of the nominal and the calibrated model is the noise-free signal that shows the bias of the method.
+    """
     if simulated is None:
         return np.zeros(len(names))
-    out = []
+    nominal, calibrated, out = models[0], models[1], []
     for name in names:
         part = longest_read(run.measured, name)  # spectra need neighbouring samples
         cut = run if part == slice(0, len(run.measured)) else replace(run, measured=run.measured.rows(part), valid=None)
-        out.append(incoherent_rms(cut, name, (run.measured[name] - simulated[name])[part]))
+        apart = None if nominal is None or calibrated is None else (nominal[name] - calibrated[name])[part]
+        out.append(incoherent_rms(cut, name, (run.measured[name] - simulated[name])[part], apart))
     return np.array(out)
 
 
