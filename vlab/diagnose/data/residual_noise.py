@@ -48,7 +48,10 @@ def incoherent_rms(run: Run, channel: str, residual: Array, noise_free: Array | 
 
 
 def _unexplained(run: Run, signal: Array) -> Array:
-    """Return the power of a signal, on its lines, that inputs and motion do not explain; empty for too few lines."""
+    """Return the power on lines that inputs and motion do not explain.
+
+    The result is empty for too few lines.
+    """
     inputs = [spectrum(run.measured[drive.channel]) for drive in run.drives]
     inputs = [x for x in inputs if np.any(x)]
     motions = [run.measured.index(c.channel) for c in run.compared if np.ptp(run.measured[c.channel]) > 0]

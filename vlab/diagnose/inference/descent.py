@@ -291,3 +291,16 @@ def effective_weights(effective_share: float, vector: ParameterVector, raw: Arra
     out = np.full(raw.size, np.sqrt(effective_samples / spread))
     out[:priors] = 1.0
     return out
+
+
+def clip_diverged(residual: Array) -> None:
+    """Clip a diverged residual, in place.
+
+    Parameters
+    ----------
+    residual : array
+        Residual of unit variance.
+    """
+    if residual.min() >= -FIT.largest and residual.max() <= FIT.largest:  # false for NaN
+        return
+    residual[:] = np.where(np.isfinite(residual), np.clip(residual, -FIT.largest, FIT.largest), FIT.largest)

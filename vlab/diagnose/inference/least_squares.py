@@ -16,7 +16,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from vlab.diagnose.data.runs import Signals
-from vlab.diagnose.inference.descent import descend
+from vlab.diagnose.inference.descent import clip_diverged, descend
 from vlab.diagnose.inference.evidence import effective_sample_size
 from vlab.diagnose.inference.fit_at_optimum import fit_at
 from vlab.diagnose.inference.identifiable_subspace import identifiable_subspace
@@ -83,15 +83,15 @@ class LeastSquares:
         self.noise_share = float(np.mean((noise / self.sigma) ** 2))
         self.error_share = float(np.mean((self.problem.own_error * scale / self.sigma) ** 2))
         self.integration_share = float(np.mean((PROBLEM.integration_error * scale / self.sigma) ** 2))
-        self.effective_share = self.effective_samples
         correlated = float(np.mean((self.correlated_error * scale / self.sigma) ** 2))
+        self.effective_share = self.effective_samples
         if correlated and self.effective_samples > EVIDENCE.model_error_samples:
             # full weight would bias the uncertain parameters far from their priors
             self.effective_share = effective_sample_size(self.noise_share, correlated, self.effective_samples)
 
     @property
     def correlated_error(self) -> float:
-        """Relative error of a complete model that is correlated over the samples: that of a mesh."""
+        """Error of a complete model correlated over samples: that of a mesh."""
         return 0.0 if self.problem.case.structure is None else self.problem.own_error
 
     @cached_property
@@ -487,17 +487,10 @@ class LeastSquares:
                     difference *= self.weights[i]
                 if i in self.free_starts:
                     response, solve, _ = self.free_starts[i]
-                    _cut_off(block)
+                    clip_diverged(block)
                     moved = block @ solve.T
                     block -= moved @ response.T
                     out[:, moved_at : moved_at + moved.shape[1]] = moved
                     moved_at += moved.shape[1]
-        _cut_off(out)
+        clip_diverged(out)
         return out
-
-
-def _cut_off(residual: Array) -> None:
-    """Clip a diverged residual, in place."""
-    if residual.min() >= -FIT.largest and residual.max() <= FIT.largest:  # false for NaN
-        return
-    residual[:] = np.where(np.isfinite(residual), np.clip(residual, -FIT.largest, FIT.largest), FIT.largest)

@@ -105,7 +105,7 @@ class TrajectoryLeastSquares(LeastSquares):
 
     @property
     def correlated_error(self) -> float:
-        """See `LeastSquares`; that of responses which are linear in the parameters, along a motion which is not."""
+        """See `LeastSquares`; the responses to parameters are linear."""
         return self.problem.model_error
 
     def beside(self, terms: Sequence[Term]) -> LeastSquares:
