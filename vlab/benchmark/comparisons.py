@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from vlab.benchmark.designs import design_timings
-from vlab.benchmark.stepping import linear_times, stepping_times
+from vlab.benchmark.stepping import linear_times, replay_times, stepping_times
 from vlab.cases.case import load_case
 from vlab.controllers import Controller, LinearLaw
 from vlab.diagnose.inference.least_squares import LeastSquares
@@ -122,7 +122,11 @@ def stepping_rows(progress: Callable[[str], None] = lambda text: None) -> list[R
             ratio=t.ratio,
             real_time_factor=1.0 / t.ours_s,
         )
-        for t in (*stepping_times(progress=progress), *linear_times(progress=progress))
+        for t in (
+            *stepping_times(progress=progress),
+            *linear_times(progress=progress),
+            *replay_times(progress=progress),
+        )
     ]
 
 

@@ -9,10 +9,17 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from vlab.cases.case import load_case
+from vlab.cases.clock import plan_clock
+from vlab.cases.initial_state import InitialState
+from vlab.cases.simulate import simulate
 from vlab.fe import build_fe_model
+from vlab.files.assets import asset
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Multisine
 from vlab.lab.laws import published_law
+from vlab.physics.attach import Attached, attach
+from vlab.physics.catalogue import effect_named
 from vlab.plants import Plant, build_plant
 from vlab.structure import load_structure
 
@@ -22,6 +29,10 @@ SWING = 1e-3
 """SWING [m/s, rad/s]: initial velocity of every coordinate in bare steps."""
 STRUCTURES, PLANTS = ("beam", "grid"), ("composite", "modal", "fe")
 """STRUCTURES, PLANTS [-]: timed structures and plants."""
+REPLAYED = {"avc_cantilever/free_decay": "joint:hinge1", "emps/case": "joint:slide"}
+"""REPLAYED [-]: replayed cases, with the joint of the added hysteresis."""
+HYSTERESIS = {"force": 0.1, "yield": 0.01}
+"""HYSTERESIS [SI]: parameters of the added law."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,6 +142,39 @@ def linear_times(*, progress: Callable[[str], None] = lambda text: None) -> Iter
             ours_s=ours_s / SECONDS,
             peer=f"control.forced_response on the FE model of {len(model.A)} states",
             peer_s=peer_s / SECONDS,
+            ratio=ratio,
+        )
+
+
+def replay_times(*, progress: Callable[[str], None] = lambda text: None) -> Iterator[Stepping]:
+    """Time replays of real recordings beside bare steps of their plants.
+
+    A replay includes inputs, hysteresis at a joint, readings and resampling.
+
+    Parameters
+    ----------
+    progress : callable
+        Receives the present work.
+
+    Yields
+    ------
+    Stepping
+        Times of one recording.
+    """
+    for name, joint in REPLAYED.items():
+        progress(f"replay of {name}")
+        case = load_case(asset(f"cases/{name}.toml"))
+        run, effect = case.runs(("fit",))[0], Attached(effect_named("bouc-wen"), joint, HYSTERESIS)
+        start = InitialState(qpos=case.plant.new_data().qpos.copy(), qvel=np.zeros(case.plant.model.nv), how="given")
+        seconds = float(run.measured.time[-1] - run.measured.time[0])
+        steps = round(seconds / plan_clock(case.plant.timestep, run).timestep)
+        ours = partial(simulate, attach(case.plant, [effect]), run, initial=start)
+        ours_s, bare_s, ratio = cpu_times(ours, partial(_bare, case.plant, steps), RUNS)
+        yield Stepping(
+            work=f"{name}: a recording replayed with hysteresis at a joint, CPU seconds per recorded second",
+            ours_s=ours_s / seconds,
+            peer="bare mj_step(nstep) of the same model, without hysteresis, inputs and readings",
+            peer_s=bare_s / seconds,
             ratio=ratio,
         )
 
