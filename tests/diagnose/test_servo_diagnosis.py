@@ -40,8 +40,6 @@ HIDDEN = {
     "force limit": ("two links", hide(TWO_LINKS, 0, limit=6.0), "servo-force-limit", "shoulder", {"limit": 6.0}),
 }
 QUICK = "position gain, soft"
-FAILS = {"velocity gain": "the joint's damping is the same law, so the priors share the change out between the two"}
-"""Kinds that a diagnosis does not give to within the bounds, and why."""
 
 
 def found(folder, kind):
@@ -73,14 +71,7 @@ def test_a_soft_servo_is_not_an_inertia(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "kind",
-    [
-        pytest.param(kind, marks=pytest.mark.xfail(strict=True, reason=FAILS[kind])) if kind in FAILS else kind
-        for kind in HIDDEN
-        if kind != QUICK
-    ],
-)
+@pytest.mark.parametrize("kind", [kind for kind in HIDDEN if kind != QUICK])
 def test_an_error_within_a_servo_is_found(tmp_path, kind):
     check(found(tmp_path, kind), kind)
 

@@ -1,13 +1,18 @@
 """Replays in compiled code beside the same steps in Python."""
 
+from types import SimpleNamespace
+
+import mujoco
 import numpy as np
 import pytest
 from physics_rig import CHANNEL_VALUES, FILTER_OF_SERVO, OF_SERVOS, PORT_VALUES, SERVO, _chain_case, chain_rig, servoed
 
 from vlab.cases import replay
+from vlab.cases.case import load_case
 from vlab.cases.compiled_replay import LEAST_MEMORY
 from vlab.cases.initial_state import InitialState
 from vlab.cases.simulate import simulate
+from vlab.errors import BadExperiment
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import effect_named
 
@@ -70,6 +75,46 @@ def test_an_effect_within_a_servo(name, lag, tmp_path, monkeypatch):
     _chain_case(tmp_path, "slide", 5e-4, "implicitfast")
     case, values = servoed(tmp_path, SERVO.format(lag)), OF_SERVOS[name]
     check(of_case(case, [(name, "actuator:push", values)], monkeypatch))
+
+
+def test_channels_at_ports_follow_the_kinematics(tmp_path, monkeypatch):
+    _chain_case(tmp_path, "slide", 5e-4, "Euler")
+    text = (tmp_path / "case.toml").read_text()
+    whole = '[[recording.channel]]\ncolumn = "pos_a"\nat = "tendon:whole"\nkind = "displacement"\nunit = "m"'
+    (tmp_path / "case.toml").write_text(
+        text.replace('column = "pos_a"\nat = "pos_a"', 'column = "pos_c"\nat = "pos_c"', 1)
+    )
+    text = (tmp_path / "case.toml").read_text()
+    first = text.index('[[recording.channel]]\ncolumn = "pos_c"')
+    (tmp_path / "case.toml").write_text(text[:first] + whole + "\n")
+    case = load_case(tmp_path)
+    runs = of_case(case, [("bouc-wen", *PORT_VALUES["bouc-wen"])], monkeypatch)
+    check(runs)
+    assert np.std(runs[0]) > 1e-3  # the tendon moves
+    bare = [simulate(case.plant, case.runs(("fit",))[0]).recording.data for _ in range(1)]
+    assert np.std(bare[0][:, -1]) > 1e-3
+
+
+def test_a_model_whose_geoms_can_touch_stays_in_python():
+    geoms = {"free": "", "together": '<geom size=".1"/>'}
+    for name, geom in geoms.items():
+        body = '<body><joint type="slide"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{}</body>'
+        text = f"<mujoco><worldbody>{body.format(geom)}{body.format(geom)}</worldbody></mujoco>"
+        plant = SimpleNamespace(model=mujoco.MjModel.from_xml_string(text), restoring=None)
+        assert replay.can_compile(plant, ()) is (name == "free")
+    nested = '<mujoco><worldbody><body><joint/><geom size=".1"/><body pos="0 0 .1"><joint/><geom size=".1"/></body></body></worldbody></mujoco>'
+    assert replay.can_compile(SimpleNamespace(model=mujoco.MjModel.from_xml_string(nested), restoring=None), ())
+
+
+def test_a_foreign_callback_is_refused():
+    rig = chain_rig()
+    plant = attach(rig.case.plant, [Attached(effect_named("bouc-wen"), *PORT_VALUES["bouc-wen"])])
+    mujoco.set_mjcb_control(lambda model, data: None)
+    try:
+        with pytest.raises(BadExperiment, match="mjcb_control"):
+            simulate(plant, rig.run)
+    finally:
+        mujoco.set_mjcb_control(None)
 
 
 def test_steps_of_runge_kutta_stay_in_python():

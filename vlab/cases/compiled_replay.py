@@ -14,15 +14,23 @@ from vlab.cases.channel_map import Run
 from vlab.cases.open_loop import CHECK_EVERY
 from vlab.cases.replay_bench import Bench, State
 from vlab.compilation import compiled
-from vlab.physics.compiled_ports import CompiledPorts, Views, add_effort_readings, add_port_forces, compile_ports
+from vlab.lab.callback import refuse_foreign_callback
+from vlab.physics.compiled_ports import (
+    CompiledPorts,
+    Views,
+    add_effort_readings,
+    add_port_forces,
+    compile_ports,
+    no_ports,
+)
 from vlab.physics.running import Running
 from vlab.plants.base import Plant, Port, check_run
 from vlab.plants.compiled_steps import IS_AVAILABLE, c_function, first_half, second_half
 from vlab.signals import Array
 
 LEAST_MEMORY = 2**20
-"""LEAST_MEMORY [bytes]: memory of a model from which runs in compiled code are safe. MuJoCo ends the process where memory
-for contacts runs out in compiled code."""
+"""LEAST_MEMORY [bytes]: least memory of a model for runs in compiled code. MuJoCo ends the process where memory runs out
+in compiled code."""
 INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
 
@@ -104,8 +112,25 @@ def can_compile(plant: Plant, loaded: Sequence[Port]) -> bool:
     loaded : sequence of Port
         Ports with recorded forces.
     """
-    is_split = plant.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4  # two halves are no step of Runge-Kutta
-    return IS_AVAILABLE and is_split and all(port.is_constant for port in loaded)
+    model = plant.model
+    is_split = model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4  # two halves are no step of Runge-Kutta
+    has_rest = plant.restoring is None or model.nq == model.nv
+    return IS_AVAILABLE and is_split and has_rest and not _can_touch(model) and all(port.is_constant for port in loaded)
+
+
+def _can_touch(model: Any) -> bool:
+    """Return whether contacts are possible, whose memory has no bound before the run."""
+    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
+        return False
+    if model.npair or model.nflex:
+        return True
+    body = model.body_weldid[model.geom_bodyid]
+    parent = model.body_weldid[model.body_parentid[body]]
+    meets = (model.geom_contype[:, None] & model.geom_conaffinity) != 0
+    meets &= body[:, None] != body
+    if not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT:  # neighbours do not touch
+        meets &= ~((body[:, None] != 0) & (body != 0) & ((body[:, None] == parent) | (parent[:, None] == body)))
+    return bool(np.any(meets))
 
 
 def replay_compiled(
@@ -145,14 +170,18 @@ def replay_compiled(
     ------
     NotSafe
         The model has too little memory.
+    BadExperiment
+        A foreign control callback is installed.
     Diverged
         The state left the finite range or MuJoCo reset the run.
     """
-    plant, model, ports = bench.plant, bench.model, None
+    refuse_foreign_callback()
+    plant, model, ports = bench.plant, bench.model, no_ports(bench.model)
     if physics is not None and physics.ports is not None:
-        ports = compile_ports(plant, physics.ports.lines)
-        if ports is None:
+        compiled_ports = compile_ports(plant, physics.ports.lines)
+        if compiled_ports is None:
             return None
+        ports = compiled_ports
     forces, present = drives[0].copy(), drives[1].copy()
     steps = len(forces) // max(len(present) - 1, 1)
     if physics is not None and physics.has_actuators:
@@ -204,7 +233,7 @@ def _negative(matrix: Array | None) -> Array:
 def run_compiled(
     model: Any,
     pair: tuple[Any, Any],
-    ports: CompiledPorts | None,
+    ports: CompiledPorts,
     inputs: Inputs,
     matrices: Matrices,
     records: Records,
@@ -221,8 +250,8 @@ def run_compiled(
         Compiled model.
     pair : tuple of MjData
         State of the run, and a copy for the readings.
-    ports : CompiledPorts or None
-        Port forces; None for none.
+    ports : CompiledPorts
+        Port forces.
     inputs : Inputs
         Inputs of the whole run.
     matrices : Matrices
@@ -247,7 +276,7 @@ def run_compiled(
     _run(
         (model._address, data._address, copy._address),
         (Views.of(data), Views.of(copy)),
-        no_ports(model) if ports is None else ports,
+        ports,
         inputs,
         matrices,
         records,
@@ -259,44 +288,7 @@ def run_compiled(
         raise NotSafe
 
 
-def no_ports(model: Any) -> CompiledPorts:
-    """Return port forces without a line.
-
-    Parameters
-    ----------
-    model : MjModel
-        Compiled model.
-
-    Returns
-    -------
-    CompiledPorts
-        Arrays of no line.
-    """
-    empty, none = np.zeros((0, int(model.nv))), np.zeros(0, dtype=np.int64)
-    graphs = (np.zeros((0, 4), dtype=np.int64), np.zeros((1, 3), dtype=np.int64), none, none, none)
-    return CompiledPorts(
-        rows=empty,
-        solved=empty.copy(),
-        corrected=empty.copy(),
-        at_rest=np.zeros(int(model.nq)),
-        damping=np.zeros(0),
-        linear=np.zeros((3, 0)),
-        is_fixed=True,
-        is_staggered=True,
-        h=float(model.opt.timestep),
-        laws=np.zeros((0, 4), dtype=np.int64),
-        graphs=graphs,
-        registers=np.zeros((0, 1)),
-        last=np.zeros(0),
-        efforts=np.zeros((int(model.nsensordata), int(model.nv))),
-        in_drive=np.zeros(0),
-        line=np.zeros((6, 0)),
-        compliance=np.zeros((0, 0)),
-        working=np.zeros((0, 0)),
-    )
-
-
-@compiled(error_model="numpy", nogil=True)
+@compiled(error_model="numpy")
 def _apply(view: Views, m: Matrices, force: Array, loads: Array, moved: Array) -> None:  # pragma: no cover - compiled
     """Set controls and applied forces of a state."""
     for i in range(view.ctrl.size):
@@ -318,7 +310,7 @@ def _apply(view: Views, m: Matrices, force: Array, loads: Array, moved: Array) -
             view.applied[i] += m.load_rows[load, i] * loads[load]
 
 
-@compiled(error_model="numpy", nogil=True)
+@compiled(error_model="numpy")
 def _run(
     addresses: tuple[int, int, int],
     views: tuple[Views, Views],

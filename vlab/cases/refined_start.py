@@ -77,7 +77,13 @@ def refine(problem: StartProblem, x: Array, left: Array, offset: Array) -> tuple
             held = problem.held * np.eye(x.size)
             rows, wanted = np.vstack([slopes, held]), np.concatenate([left, problem.held * x])
             step = -np.linalg.lstsq(rows, wanted, rcond=1e-9)[0]
-            step, trial = _gaining(problem, x, step, left, offset, halvings=HALVINGS if is_exact else 0)
+            try:
+                step, trial = _gaining(problem, x, step, left, offset, halvings=HALVINGS if is_exact else 0)
+            except Diverged:
+                if is_exact:
+                    break
+                slopes, is_exact = _slopes(problem, x, left, offset, problem.bench), True
+                continue
             gained = 1.0 - float(trial @ trial) / float(left @ left)
             if not gained > 0 and is_exact:
                 break

@@ -111,7 +111,8 @@ class Bench:
             Compared channels, overwritten where a channel is a port.
         """
         of_ports, data = [(i, c) for i, c in enumerate(compared) if c.sensor is None and c.port], self._copy
-        moves = not all(self.plant.port(c.port).is_constant for _, c in of_ports)
+        ports = [(self.plant.port(c.port), c.order) for _, c in of_ports]
+        moves = not all(port.is_constant and (order > 0 or port.is_joint) for port, order in ports)
         for k in range(len(out)) if of_ports else ():
             for array, values in zip((data.qpos, data.qvel, data.qacc), motion, strict=False):
                 array[:] = values[k]

@@ -78,7 +78,7 @@ class CompiledPorts(NamedTuple):
     Parameters
     ----------
     rows, solved, corrected : (n, nv) array
-        Jacobian rows, motion per force, and room for a correction.
+        Jacobian rows, motion per force, and a work array.
     at_rest : (nq,) array
         Configuration at rest.
     damping : (nv,) array
@@ -102,9 +102,9 @@ class CompiledPorts(NamedTuple):
     in_drive : (n,) array
         1 for a line that sensors of actuator forces read, 0 otherwise.
     line : (6, n) array
-        Room for velocity, acceleration, displacement, force, expected force and force of the laws.
+        Work arrays: velocity, acceleration, displacement, force, expected force, force of the laws.
     compliance, working : (n, n) array
-        Compliance of the lines, and room for the one under added mass.
+        Compliance of the lines, and a work array with the one under added mass.
     """
 
     rows: Array
@@ -179,6 +179,43 @@ def compile_ports(plant: Plant, lines: PortLines) -> CompiledPorts | None:
     return ports if _are_affine(plant, lines, data) else None
 
 
+def no_ports(model: Any) -> CompiledPorts:
+    """Return port forces without a line.
+
+    Parameters
+    ----------
+    model : MjModel
+        Compiled model.
+
+    Returns
+    -------
+    CompiledPorts
+        Arrays of no line.
+    """
+    empty, none = np.zeros((0, int(model.nv))), np.zeros(0, dtype=np.int64)
+    graphs = (np.zeros((0, 4), dtype=np.int64), np.zeros((1, 3), dtype=np.int64), none, none, none)
+    return CompiledPorts(
+        rows=empty,
+        solved=empty.copy(),
+        corrected=empty.copy(),
+        at_rest=np.zeros(int(model.nq)),
+        damping=np.zeros(0),
+        linear=np.zeros((3, 0)),
+        is_fixed=True,
+        is_staggered=True,
+        h=float(model.opt.timestep),
+        laws=np.zeros((0, 4), dtype=np.int64),
+        graphs=graphs,
+        registers=np.zeros((0, 1)),
+        last=np.zeros(0),
+        efforts=np.zeros((int(model.nsensordata), int(model.nv))),
+        in_drive=np.zeros(0),
+        line=np.zeros((6, 0)),
+        compliance=np.zeros((0, 0)),
+        working=np.zeros((0, 0)),
+    )
+
+
 def _are_affine(plant: Plant, lines: PortLines, data: Any) -> bool:
     """Return whether all positions are linear in the coordinates."""
     moved = PROBE * np.cos(np.arange(plant.model.nq))
@@ -188,7 +225,7 @@ def _are_affine(plant: Plant, lines: PortLines, data: Any) -> bool:
     return bool(np.allclose(found, lines.rows @ moved, rtol=1e-9, atol=1e-12))
 
 
-@compiled(error_model="numpy", nogil=True)
+@compiled(error_model="numpy")
 def solve_compliance(model: int, data: int, c: CompiledPorts) -> None:  # pragma: no cover - compiled
     """Solve for the motion per force of every row, in place.
 
@@ -218,7 +255,7 @@ def solve_compliance(model: int, data: int, c: CompiledPorts) -> None:  # pragma
             c.compliance[i, j] = total
 
 
-@compiled(error_model="numpy", nogil=True)
+@compiled(error_model="numpy")
 def add_port_forces(
     model: int, data: int, view: Views, c: CompiledPorts, commands: Array, time: float, keep: bool
 ) -> None:  # pragma: no cover - compiled
@@ -290,7 +327,7 @@ def add_port_forces(
             view.applied[j] += push[i] * c.rows[i, j]
 
 
-@compiled(error_model="numpy", nogil=True)
+@compiled(error_model="numpy")
 def _add_linear(c: CompiledPorts, v: Array, a: Array, z: Array, push: Array) -> None:  # pragma: no cover - compiled
     """Add the forces of the linear effects, and solve for their inertia."""
     n, has_inertia = v.size, False
@@ -309,14 +346,17 @@ def _add_linear(c: CompiledPorts, v: Array, a: Array, z: Array, push: Array) -> 
         for i in range(n):
             for j in range(n):
                 shared[i, j] += c.working[i, j] * c.linear[0, j]
-        inverse = np.linalg.inv(shared)
-        moved = inverse @ moved
-        c.working[:] = inverse @ c.working
+        if np.all(np.isfinite(shared)):
+            inverse = np.linalg.inv(shared)
+            moved = inverse @ moved
+            c.working[:] = inverse @ c.working
+        else:  # MuJoCo reports the diverged state
+            moved[:] = np.nan
     for i in range(n):
         a[i] = moved[i]
 
 
-@compiled(error_model="numpy", nogil=True)
+@compiled(error_model="numpy")
 def add_effort_readings(view: Views, c: CompiledPorts) -> None:  # pragma: no cover - compiled
     """Add what sensors of actuator forces read of laws within a drive.
 

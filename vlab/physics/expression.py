@@ -99,7 +99,7 @@ class _Writer:
     def graph(
         self, parameters: Sequence["_Symbol"], memory: Sequence["_Symbol"], force: Any, remembered: Any
     ) -> ExpressionGraph:
-        """Return the tape.
+        """Return the expression graph.
 
         Results have registers of their own, so that new memory overwrites no register still in use.
         """
@@ -135,13 +135,13 @@ class _Symbol(NDArrayOperatorsMixin):
         if is_square:
             ufunc, inputs = np.multiply, (inputs[0], inputs[0])
         if method != "__call__" or options or ufunc not in CODE:
-            raise Untraceable(f"{ufunc.__name__} is on no tape")
+            raise Untraceable(f"{ufunc.__name__} is in no expression graph")
         return self.writer.take(CODE[ufunc], inputs)
 
     def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
         """Record a choice."""
         if function is not np.where or len(args) != 3 or options:
-            raise Untraceable(f"{function.__name__} is on no tape")
+            raise Untraceable(f"{function.__name__} is in no expression graph")
         return self.writer.take(CODE[np.where], args)
 
     def __bool__(self) -> bool:
@@ -156,7 +156,7 @@ def trace_expression(
     numbers: tuple[str, ...] = (),
     damped: float | None = None,
 ) -> ExpressionGraph | None:
-    """Return a law's tape for one step length.
+    """Return a law's expression graph for one step length.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def trace_expression(
 
     Returns
     -------
-    Tape or None
+    ExpressionGraph or None
         None if the law cannot be recorded.
     """
     names = [*(p.name for p in effect.parameters), *numbers]

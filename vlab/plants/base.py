@@ -91,6 +91,11 @@ class Port:
     more: tuple["Port", ...] = ()
     tag: str = ""
 
+    @property
+    def is_joint(self) -> bool:
+        """Whether the coordinate is that of a joint, which `qpos` holds."""
+        return self.name.startswith("joint:")
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plant:

@@ -40,11 +40,24 @@ def incoherent_rms(run: Run, channel: str, residual: Array, noise_free: Array | 
     power = _unexplained(run, residual)
     squares = 2.0 * float(np.sum(power)) + min(float(np.mean(residual)) ** 2, _of_mean(power))
     squares = min(squares, float(np.mean(residual**2)))
-    if noise_free is not None and (spread := float(np.var(noise_free))) > RESIDUAL_NOISE.rank * float(np.var(residual)):
-        bias = 2.0 * float(np.sum(_unexplained(run, noise_free))) / spread
-        squares = max(squares - bias * float(np.var(residual)), 0.0)
+    if noise_free is not None:
+        squares = _without_bias(run, channel, squares, residual, noise_free)
     rms = float(np.sqrt(squares))
     return rms if RESIDUAL_NOISE.least_snr * rms <= float(np.std(run.measured[channel])) else 0.0
+
+
+def _without_bias(run: Run, channel: str, squares: float, residual: Array, noise_free: Array) -> float:
+    """Return the noise power beside the coherent part that the method misses.
+
+    Beside noise of power n, the method misses the share b of a coherent part of power m. The squares are then b m + n,
+    and the variance of the residual is m + n.
+    """
+    spread, variance = float(np.var(noise_free)), float(np.var(residual))
+    if spread <= np.finfo(float).eps * float(np.var(run.measured[channel])):  # rounding
+        return squares
+    b = min(2.0 * float(np.sum(_unexplained(run, noise_free))) / spread, 1.0)
+    missed = max(squares - b * variance, 0.0)
+    return min(missed / max(1.0 - b, np.finfo(float).eps), squares)
 
 
 def _unexplained(run: Run, signal: Array) -> Array:

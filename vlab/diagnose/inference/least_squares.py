@@ -91,7 +91,7 @@ class LeastSquares:
 
     @property
     def correlated_error(self) -> float:
-        """Error of a complete model correlated over samples: that of a mesh."""
+        """Relative model error that is correlated over samples: that of a mesh."""
         return 0.0 if self.problem.case.structure is None else self.problem.own_error
 
     @cached_property

@@ -105,7 +105,7 @@ class TrajectoryLeastSquares(LeastSquares):
 
     @property
     def correlated_error(self) -> float:
-        """See `LeastSquares`; the responses to parameters are linear."""
+        """See `LeastSquares`: that of responses linear in the parameters."""
         return self.problem.model_error
 
     def beside(self, terms: Sequence[Term]) -> LeastSquares:

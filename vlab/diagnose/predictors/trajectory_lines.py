@@ -50,7 +50,7 @@ def lines_along(plant: Plant, systems: Sequence[TimeVaryingSystem], port: Port, 
     model, ports = plant.model, (port, *port.more)
     at_rest = plant.new_data()
     rest = [p.position(at_rest) for p in ports]
-    if all(p.is_constant for p in ports) and port.name.startswith("joint:"):
+    if all(p.is_constant for p in ports) and port.is_joint:
         address = int(model.jnt_qposadr[model.joint(port.name.partition(":")[2]).id])
         z = pad_and_stack([a.motion.q[:, address] - rest[0] for a in systems])
         return Lines(np.broadcast_to(port.row(at_rest), (1, *z.shape, model.nv)), z[None], np.zeros(1))
