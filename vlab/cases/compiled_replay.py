@@ -15,6 +15,7 @@ from vlab.cases.open_loop import CHECK_EVERY
 from vlab.cases.replay_bench import Bench, State
 from vlab.compilation import compiled
 from vlab.lab.callback import refuse_foreign_callback
+from vlab.lab.compiled_loop import own_array
 from vlab.physics.compiled_ports import (
     CompiledPorts,
     Views,
@@ -80,6 +81,31 @@ class Matrices(NamedTuple):
     restoring: Array
     at_rest: Array
 
+    @classmethod
+    def of(cls, plant: Plant, loaded: Sequence[Port]) -> "Matrices":
+        """Return the matrices of a plant.
+
+        Parameters
+        ----------
+        plant : Plant
+            Plant.
+        loaded : sequence of Port
+            Ports with recorded forces.
+
+        Returns
+        -------
+        Matrices
+            Matrices.
+        """
+        data = plant.new_data()
+        return cls(
+            controls=np.ascontiguousarray(plant.control_matrix),
+            load_rows=np.array([port.row(data) for port in loaded]).reshape(-1, plant.model.nv),
+            dissipation=-own_array(plant.dissipation),
+            restoring=-own_array(plant.restoring),
+            at_rest=plant.model.qpos0.copy(),
+        )
+
 
 class Records(NamedTuple):
     """Readings of a run, without the half step of position.
@@ -96,6 +122,27 @@ class Records(NamedTuple):
     qpos: Array
     qvel: Array
     qacc: Array
+
+    @classmethod
+    def empty(cls, model: Any, n: int, *, moves: bool) -> "Records":
+        """Return room for readings.
+
+        Parameters
+        ----------
+        model : MjModel
+            Compiled model.
+        n : int
+            Number of readings.
+        moves : bool
+            Whether a channel needs the motion.
+
+        Returns
+        -------
+        Records
+            Zeros.
+        """
+        sizes = (model.nsensordata, *(size * moves for size in (model.nq, model.nv, model.nv)))
+        return cls(*(np.zeros((n, size)) for size in sizes))
 
 
 class NotSafe(Exception):
@@ -119,7 +166,10 @@ def can_compile(plant: Plant, loaded: Sequence[Port]) -> bool:
 
 
 def _can_touch(model: Any) -> bool:
-    """Return whether contacts are possible, whose memory has no bound before the run."""
+    """Return whether contacts are possible.
+
+    Their memory has no bound that is known before the run.
+    """
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
         return False
     if model.npair or model.nflex:
@@ -189,22 +239,10 @@ def replay_compiled(
             physics.actuate(row)
             if (step + 1) % steps == 0:
                 present[(step + 1) // steps] += physics.last_change
-    at_rest = plant.new_data()
-    matrices = Matrices(
-        controls=np.ascontiguousarray(plant.control_matrix),
-        load_rows=np.array([port.row(at_rest) for port in loads[0]]).reshape(-1, model.nv),
-        dissipation=_negative(plant.dissipation),
-        restoring=_negative(plant.restoring),
-        at_rest=model.qpos0.copy(),
-    )
-    n, moves = len(present), any(c.sensor is None and c.port for c in run.compared)
-    records = Records(
-        raw=np.zeros((n, model.nsensordata)),
-        qpos=np.zeros((n, model.nq * moves)),
-        qvel=np.zeros((n, model.nv * moves)),
-        qacc=np.zeros((n, model.nv * moves)),
-    )
+    matrices, n = Matrices.of(plant, loads[0]), len(present)
+    records = Records.empty(model, n, moves=any(c.sensor is None and c.port for c in run.compared))
     inputs = Inputs(forces, present, np.ascontiguousarray(loads[1]), np.ascontiguousarray(loads[2]))
+    reads_forces = bench.reads_forces(run.compared)
     bench.start(state)
     part = max(CHECK_EVERY // max(steps, 1), 1)
     for first in range(0, n, part):
@@ -218,16 +256,11 @@ def replay_compiled(
             records,
             (first, last),
             ahead=bench.ahead,
-            reads_forces=bench.reads_forces(run.compared),
+            reads_forces=reads_forces,
         )
         check_run(model, bench.data, min(last, n - 1) * steps * model.opt.timestep)
         progress(last / n)
     return forces, records
-
-
-def _negative(matrix: Array | None) -> Array:
-    """Return the negative of a matrix in C order; an empty matrix for None."""
-    return np.zeros((0, 0)) if matrix is None else np.array(-matrix, dtype=float, order="C")
 
 
 def run_compiled(

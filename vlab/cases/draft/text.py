@@ -87,7 +87,10 @@ def _recording(part: Part, names: dict[Path, str], clock: LogClock) -> list[str]
 
 
 def _own_name(file: str, files: list[str]) -> str:
-    """Return a file's name without suffixes, with its folder where several files have that name."""
+    """Return a file's name without suffixes.
+
+    The folder comes first where several files have that name.
+    """
     own = _stem(file)
     is_shared = sum(_stem(other) == own for other in files) > 1
     return f"{Path(file).parent.name} {own}".strip() if is_shared else own
