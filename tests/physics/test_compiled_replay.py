@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from physics_rig import CHANNEL_VALUES, FILTER_OF_SERVO, OF_SERVOS, PORT_VALUES, SERVO, _chain_case, chain_rig, servoed
 
-from vlab.cases import replay
+from vlab.cases import compiled_replay
 from vlab.cases.case import load_case
 from vlab.cases.compiled_replay import LEAST_MEMORY
 from vlab.cases.initial_state import InitialState
+from vlab.cases.replay_bench import NotSafe
 from vlab.cases.simulate import simulate
 from vlab.errors import BadExperiment
 from vlab.physics.attach import Attached, attach
@@ -29,15 +30,15 @@ def of_case(case, effects, monkeypatch):
     names = [c.channel for c in run.compared]
     qvel = np.linspace(0.1, 0.3, plant.model.nv)
     start, runs, compiled = InitialState(qpos=plant.rest + 1e-3, qvel=qvel, how="given"), [], []
-    inside = replay.replay_compiled
+    inside = compiled_replay.replay_compiled
 
     def counted(*args):
         compiled.append(inside(*args))
         return compiled[-1]
 
-    monkeypatch.setattr(replay, "replay_compiled", counted)
-    for can in (replay.can_compile, lambda plant, ports: False):
-        monkeypatch.setattr(replay, "can_compile", can)
+    monkeypatch.setattr(compiled_replay, "replay_compiled", counted)
+    for can in (compiled_replay.can_compile, lambda plant, ports: False):
+        monkeypatch.setattr(compiled_replay, "can_compile", can)
         runs.append(simulate(plant, run, initial=start).recording.select(names).data)
     assert len(compiled) == bool(plant.physics)  # native effects run in MuJoCo's own loop
     assert all(done is not None for done in compiled)
@@ -101,9 +102,11 @@ def test_a_model_whose_geoms_can_touch_stays_in_python():
         body = '<body><joint type="slide"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{}</body>'
         text = f"<mujoco><worldbody>{body.format(geom)}{body.format(geom)}</worldbody></mujoco>"
         plant = SimpleNamespace(model=mujoco.MjModel.from_xml_string(text), restoring=None)
-        assert replay.can_compile(plant, ()) is (name == "free")
+        assert compiled_replay.can_compile(plant, ()) is (name == "free")
     nested = '<mujoco><worldbody><body><joint/><geom size=".1"/><body pos="0 0 .1"><joint/><geom size=".1"/></body></body></worldbody></mujoco>'
-    assert replay.can_compile(SimpleNamespace(model=mujoco.MjModel.from_xml_string(nested), restoring=None), ())
+    assert compiled_replay.can_compile(
+        SimpleNamespace(model=mujoco.MjModel.from_xml_string(nested), restoring=None), ()
+    )
 
 
 def test_a_foreign_callback_is_refused():
@@ -119,7 +122,7 @@ def test_a_foreign_callback_is_refused():
 
 def test_steps_of_runge_kutta_stay_in_python():
     plant = chain_rig(integrator="RK4").case.plant
-    assert not replay.can_compile(plant, ())
+    assert not compiled_replay.can_compile(plant, ())
 
 
 def test_a_model_with_little_memory_stays_in_python(monkeypatch):
@@ -130,10 +133,10 @@ def test_a_model_with_little_memory_stays_in_python(monkeypatch):
 
     def refused(*args):
         asked.append(args)
-        raise replay.NotSafe
+        raise NotSafe
 
     rest = InitialState(qpos=plant.rest, qvel=np.zeros(plant.model.nv), how="rest")
     expected = simulate(plant, rig.run, initial=rest).recording.data
-    monkeypatch.setattr(replay, "replay_compiled", refused)
+    monkeypatch.setattr(compiled_replay, "replay_compiled", refused)
     assert simulate(plant, rig.run, initial=rest).recording.data == pytest.approx(expected, rel=1e-9, abs=1e-12)
     assert asked

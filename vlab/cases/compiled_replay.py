@@ -12,7 +12,7 @@ import numpy as np
 
 from vlab.cases.channel_map import Run
 from vlab.cases.open_loop import CHECK_EVERY
-from vlab.cases.replay_bench import Bench, State
+from vlab.cases.replay_bench import Bench, NotSafe, State
 from vlab.compilation import compiled
 from vlab.lab.callback import refuse_foreign_callback
 from vlab.lab.compiled_loop import own_array
@@ -143,10 +143,6 @@ class Records(NamedTuple):
         """
         sizes = (model.nsensordata, *(size * moves for size in (model.nq, model.nv, model.nv)))
         return cls(*(np.zeros((n, size)) for size in sizes))
-
-
-class NotSafe(Exception):
-    """A run that may need more memory than the model has."""
 
 
 def can_compile(plant: Plant, loaded: Sequence[Port]) -> bool:

@@ -10,6 +10,7 @@ step. Positions, velocities and accelerations of all sensors then belong to the 
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -17,9 +18,8 @@ from scipy.interpolate import CubicSpline
 
 from vlab.cases.channel_map import Law, Run
 from vlab.cases.clock import Clock
-from vlab.cases.compiled_replay import NotSafe, Records, can_compile, replay_compiled
 from vlab.cases.open_loop import CHECK_EVERY
-from vlab.cases.replay_bench import Bench, State, copy_sensors
+from vlab.cases.replay_bench import Bench, NotSafe, State, copy_sensors
 from vlab.cases.replay_inputs import drives_of, inputs_of
 from vlab.hardware.laboratory import Converter
 from vlab.hardware.output_chain import OutputChain
@@ -28,6 +28,9 @@ from vlab.physics.running import Running
 from vlab.plants.base import Port, check_run
 from vlab.plants.computable import computable
 from vlab.signals import Array
+
+if TYPE_CHECKING:
+    from vlab.cases.compiled_replay import Records
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,12 +137,15 @@ def _played(
     if law is None and not every and not any(c.order == 2 and c.sensor is None for c in run.compared):
         controls = plant.control_matrix
         return Played(clock.times, bench.open_loop(run, state, means @ controls.T, present @ controls.T, progress))
-    if law is None and may_compile and can_compile(plant, ports):
-        done = replay_compiled(
-            bench, run, state, physics, (means, present), (ports, load_means, load_present), progress
-        )
-        if done is not None:
-            return Played(clock.times, _values_of(bench, run, physics, clock, *done))
+    if law is None and may_compile:
+        from vlab.cases import compiled_replay  # deferred, because no other replay needs the compiler
+
+        if compiled_replay.can_compile(plant, ports):
+            done = compiled_replay.replay_compiled(
+                bench, run, state, physics, (means, present), (ports, load_means, load_present), progress
+            )
+            if done is not None:
+                return Played(clock.times, _values_of(bench, run, physics, clock, *done))
     callback = nullcontext() if physics is None else control_callback(bench.data, physics.callback)
     with callback:
         return _stepped(
@@ -155,7 +161,9 @@ def _played(
         )
 
 
-def _values_of(bench: Bench, run: Run, physics: Running | None, clock: Clock, forces: Array, records: Records) -> Array:
+def _values_of(
+    bench: Bench, run: Run, physics: Running | None, clock: Clock, forces: Array, records: "Records"
+) -> Array:
     """Return the compared channels of a compiled run."""
     sensors, times = bench.sensors(records.raw), clock.times
     out = np.zeros((clock.readings, len(run.compared)))

@@ -31,6 +31,10 @@ class State:
     qvel: Array
 
 
+class NotSafe(Exception):
+    """A run that may need more memory than the model has."""
+
+
 class Bench:
     """Plant with its readings.
 
