@@ -19,7 +19,7 @@ from vlab.diagnose.search.forward_selection import further_effects, in_all_joint
 from vlab.diagnose.validation.gap import block_log_ratios, explained_share, predicts_better
 from vlab.diagnose.validation.horizon import is_predicted, parts_of
 from vlab.diagnose.validation.simulation import ExtendedModel, check
-from vlab.diagnose.verdict import explains_part, has_plausible_parameters, is_partial_explanation
+from vlab.diagnose.verdict import explains_most, explains_part, has_plausible_parameters, is_partial_explanation
 from vlab.physics.catalogue import EFFECTS
 
 BETTER = np.array([0.9, 1.1, 1.0, 0.8, 1.2, 1.05])
@@ -55,11 +55,16 @@ def test_a_model_with_half_the_error_passes_the_test():
 # ---- the partial explanation -----------------------------------------------------------------------------------------
 
 
-def test_what_explains_the_larger_part_everywhere_is_a_partial_explanation():
+def test_a_partial_explanation_improves_every_recording():
     half = {"nominal": 0.5, "calibrated": 0.4, "after": 0.2, "log_ratios": BETTER}
     assert explains_part([distance(**half), distance(**half)])
     assert not explains_part([distance(**half), distance(**{**half, "log_ratios": -BETTER})])  # one gets worse
-    assert not explains_part([distance(**{**half, "after": 0.35})])  # 23 % of the mean square
+    small, none = {**half, "after": 0.35}, {**half, "after": 0.38}
+    assert explains_part([distance(**small)])
+    assert not explains_most([distance(**small)])
+    assert not explains_part([distance(**none)])  # 40 ln(0.40/0.38) = 2 nat: indistinguishable from no finding
+    assert not explains_part([distance(**half), distance(**{**half, "after": 0.41})])
+    assert explains_most([distance(**half)])
     assert not explains_part([distance(**{**half, "log_ratios": BETTER - 1.0})])  # one block carries the difference
     assert not explains_part([distance(**half, bare=0.2)])  # its calibration alone does as much
     assert not explains_part([])

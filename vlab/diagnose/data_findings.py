@@ -61,6 +61,22 @@ class DataFindings:
             or bool(self.zeros)
         )
 
+    def quality_lines(self, *, is_named: bool) -> tuple[str, ...]:
+        """Return the lines on the quality of the recordings.
+
+        Parameters
+        ----------
+        is_named : bool
+            Whether the verdict reports the findings; quantisation counts as noise otherwise.
+
+        Returns
+        -------
+        tuple of str
+            Lines on damage, benign interference and quantisation.
+        """
+        steps = () if is_named else self.steps
+        return (*self.damage.lines, *(hum.line for hum in self.benign_interferences), *(step.line for step in steps))
+
     def on(self, model: ExtendedModel) -> ExtendedModel:
         """Return a model with the findings."""
         return replace(model, limit=self.limit, stops=self.stops, steps=self.steps, interferences=self.interferences)

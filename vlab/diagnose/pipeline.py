@@ -45,7 +45,7 @@ from vlab.diagnose.verdict import (
     closes_gap,
     coloured_noise_note,
     decide_verdict,
-    explains_part,
+    explains_most,
     has_plausible_parameters,
     is_needed,
     is_partial_explanation,
@@ -264,7 +264,7 @@ class _Pass:
             self.report(0.95, "fitting a tabulated force")
             last, ours, again = self._other(searched, _sought(LAST_RESORT, self.at), UNKNOWN_LAW)
             tried = None if again is None else again.tried
-            if again and tried and explains_part(tried.checked) and has_plausible_parameters(tried.fit):
+            if again and tried and explains_most(tried.checked) and has_plausible_parameters(tried.fit):
                 return last._diagnosed(ours, replace(again, verdict="unknown-law"))
         return None
 
@@ -414,7 +414,7 @@ class _Pass:
             next_measurement=_separating_experiment(searched, judged)
             or next_measurement(choice, verdict, [f.effect for f in findings], attempt),
             attempt=attempt,
-            quality=(*seen.damage.lines, *(hum.line for hum in seen.benign_interferences)),
+            quality=seen.quality_lines(is_named=verdict in NAMING),
             notes=self._notes(searched, judged, checked),
             calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},
             residual_is_small=is_within_noise(checked, is_structure=is_structure),

@@ -9,7 +9,7 @@ from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.diagnosis import NAMING, Attempt, Verdict
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.parameters.terms import Fit
-from vlab.diagnose.settings import GAP, MODEL_CHOICE, PROBLEM, VERDICT
+from vlab.diagnose.settings import EVIDENCE, GAP, MODEL_CHOICE, PROBLEM, VERDICT
 from vlab.diagnose.validation.gap import Distance, gap_closed, predicts_better, total, verifying
 from vlab.diagnose.validation.simulation import Checked
 from vlab.physics.small_signal import is_linear
@@ -186,10 +186,11 @@ def is_of_the_fit_alone(
 
 
 def explains_part(checked: Sequence[Distance]) -> bool:
-    """Return whether findings explain more of the mismatch than they leave.
+    """Return whether findings explain a part of the mismatch.
 
-    The mismatch is the mean-square error of the best model without findings. The findings must explain the larger part
-    of it, predict significantly better over all recordings, and significantly worse on none.
+    The findings must predict every hold-out recording better than the best model without findings, and all of them together
+    significantly better. Their log-likelihood ratio on hold-out data must exceed that of indistinguishable hypotheses, at the
+    effective sample size of model error.
 
     Parameters
     ----------
@@ -202,12 +203,33 @@ def explains_part(checked: Sequence[Distance]) -> bool:
         Whether the findings generalise.
     """
     tests, rate = verifying(checked), VERDICT.false_alarm_rate
-    if not tests or any(c.is_idle for c in tests) or any(predicts_better(-c.log_ratios, rate) for c in tests):
+    if not tests or any(c.is_idle or not c.after < c.start or predicts_better(-c.log_ratios, rate) for c in tests):
         return False
     start, after = total(tests, "start"), total(tests, "after")
-    if not after < GAP.lost:
-        return False
-    return 2.0 * after**2 <= start**2 and predicts_better(np.concatenate([c.log_ratios for c in tests]), rate)
+    gain = EVIDENCE.model_error_samples * np.log(start / max(after, np.finfo(float).tiny))
+    return bool(after < GAP.lost and gain > MODEL_CHOICE.alike and _predicts_better(tests))
+
+
+def _predicts_better(checked: Sequence[Distance]) -> bool:
+    """Return whether the extended model predicts significantly better over all data."""
+    return predicts_better(np.concatenate([c.log_ratios for c in checked]), VERDICT.false_alarm_rate)
+
+
+def explains_most(checked: Sequence[Distance]) -> bool:
+    """Return whether findings explain a part of the mismatch that exceeds the rest.
+
+    Parameters
+    ----------
+    checked : sequence of Distance
+        Errors on hold-out data.
+
+    Returns
+    -------
+    bool
+        Whether the findings generalise and leave less than half of the mean-square mismatch.
+    """
+    tests = verifying(checked)
+    return explains_part(checked) and 2.0 * total(tests, "after") ** 2 <= total(tests, "start") ** 2
 
 
 def family_share(choice: Choice, families: Collection[str]) -> float:
@@ -349,7 +371,8 @@ def decide_verdict(
     is_left = choice.best.normalised_residual > MODEL_CHOICE.above_noise
     is_followed = is_followed or (choice.is_prior_driven and not unexplained and not is_left)
     # no gap remains where quantisation counts as noise, or no hold-out recording reaches a limit
-    shows = bool(seen.steps or seen.stops) and errors["after"] <= GAP.no_worse * errors["before"]
+    shows = bool(seen.stops) and errors["after"] <= GAP.no_worse * errors["before"]
+    shows = shows or (bool(seen.steps) and _predicts_better(checked))
     tests = not all(run.is_idle for run in checked)
     if is_followed and (shows or (tests and is_needed(choice, checked, is_structure=is_structure))):
         return "missing-physics"

@@ -37,6 +37,13 @@ class SensorStep:
     sd: float
     share: float
 
+    @property
+    def line(self) -> str:
+        """Note on a step that counts as noise."""
+        return (
+            f"{self.channel} stands on steps of {self.step:.3g}, {100 * self.share:.2g} % of its rms: counted as noise"
+        )
+
     def on(self, values: Array) -> Array:
         """Return quantised values."""
         return np.asarray(self.step * np.round(values / self.step))

@@ -61,6 +61,21 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         self._compare_with(self.recorded)
         return best
 
+    def residual_in_mujoco(self, fit: Fit) -> float:
+        """Return MuJoCo's rms residual of a fit over noise and allowed model error; infinite after divergence.
+
+        Parameters
+        ----------
+        fit : Fit
+            Fit.
+
+        Returns
+        -------
+        float
+            Normalised residual.
+        """
+        return float(np.sqrt(self._missed(fit)[0] / sum(run.y.size for run in self.runs)))
+
     def _compare_with(self, recorded: Sequence[Array]) -> None:
         self.runs = [replace(run, y=y) for run, y in zip(self.runs, recorded, strict=True)]
 

@@ -5,10 +5,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from vlab.diagnose.data_findings import DataFindings
+from vlab.diagnose.inference.calibration import calibrate
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.hypothesis_fits import by_score, scored_by
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.model_choice import Choice, choose_model, is_prior_driven
+from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquares
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.final_fit import final_fit, loudest_and_quietest
@@ -130,7 +132,11 @@ class Confirmation:
 
     @cached_property
     def _plain(self) -> Fit:
-        return self.whole.fit((), self.start)
+        """Calibrated model, linearised at its own parameters rather than at those beside effects."""
+        fit = self.whole.fit((), self.start)
+        if not isinstance(self.whole, SimulatorLeastSquares):
+            return fit
+        return calibrate(self.whole.moving, fit)[1] or fit
 
     @cached_property
     def _plain_in_mujoco(self) -> Fit:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
+from vlab.diagnose.inference.calibration import calibrate
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.hypothesis_fits import (
     by_score,
@@ -54,10 +55,12 @@ def search_moving(
     """
     problem = screen.problem
     effects = [effect for effect in effects if shows(problem, effect)]
+    report(0.2, "calibrating")
+    screen, start = calibrate(screen)
     report(0.3, "screening")
     candidates = screen.candidates(effects)
     narrow, whole = TrajectoryLeastSquares(screen), TrajectoryLeastSquares(screen, whole=True)
-    before = scored_by(narrow, narrow.fit())
+    before = scored_by(narrow, narrow.fit((), start))
     shortlist = shortlisted(candidates)
     if before.normalised_residual > HYPOTHESIS_FITS.enough:
         report(0.45, "screening with a slower observer")

@@ -1,0 +1,41 @@
+"""Calibration of a model along its motion, by repeated linearisation about its own parameters."""
+
+import numpy as np
+
+from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquares
+from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
+from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.settings import EVIDENCE, MODEL_CHOICE
+
+
+def calibrate(screen: TrajectoryScoreTest, start: Fit | None = None) -> tuple[TrajectoryScoreTest, Fit | None]:
+    """Calibrate the model without effects on whole recordings.
+
+    The linear system errs where the parameters end far from those of its linearisation. The linearisation is renewed while
+    the calibrated model gains more log likelihood in MuJoCo than indistinguishable hypotheses differ by.
+
+    Parameters
+    ----------
+    screen : TrajectoryScoreTest
+        Screening at other parameters.
+    start : Fit or None
+        Fit to start from.
+
+    Returns
+    -------
+    screen : TrajectoryScoreTest
+        Screening linearised at the calibrated parameters, or the given one where a renewal does not help.
+    fit : Fit or None
+        Fit of the calibrated model, or `start` where a renewal does not help.
+    """
+    whole = SimulatorLeastSquares(screen)
+    fit, found = whole.fit((), start), start
+    residual = whole.residual_in_mujoco(fit)
+    while True:
+        renewed = screen.at(fit.theta)
+        whole = SimulatorLeastSquares(renewed)
+        fit = whole.fit((), fit)
+        now = whole.residual_in_mujoco(fit)
+        if not EVIDENCE.model_error_samples * np.log(residual / now) > MODEL_CHOICE.alike:
+            return screen, found
+        screen, found, residual = renewed, fit, now
