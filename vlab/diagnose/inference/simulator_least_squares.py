@@ -62,7 +62,9 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         return best
 
     def residual_in_mujoco(self, fit: Fit) -> float:
-        """Return MuJoCo's rms residual of a fit over noise and allowed model error; infinite after divergence.
+        """Return the normalised residual of a fit in MuJoCo.
+
+        The rms residual is over noise and allowed model error.
 
         Parameters
         ----------
@@ -72,7 +74,7 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         Returns
         -------
         float
-            Normalised residual.
+            Normalised residual, infinite after divergence.
         """
         return float(np.sqrt(self._missed(fit)[0] / sum(run.y.size for run in self.runs)))
 
