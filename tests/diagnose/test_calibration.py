@@ -51,7 +51,14 @@ def swings(tmp_path: Path) -> TrajectoryLinearised:
         table[:, 1:] += 1e-4 * rng.standard_normal((len(table), 2))
         head = "time,upper,lower"
         np.savetxt(tmp_path / f"{k}.csv", table, delimiter=",", header=head, comments="", fmt="%.9g")
-        lines += ["[[recording]]", f'name = "{k}"', f'file = "{k}.csv"', 'role = "fit"', 'initial = "estimated"', 'time = "time"']
+        lines += [
+            "[[recording]]",
+            f'name = "{k}"',
+            f'file = "{k}.csv"',
+            'role = "fit"',
+            'initial = "estimated"',
+            'time = "time"',
+        ]
         for name in ("upper", "lower"):
             lines += ["[[recording.channel]]", f'column = "{name}"', f'at = "{name}"', 'kind = "angle"', 'unit = "rad"']
     (tmp_path / "case.toml").write_text("\n".join(lines))

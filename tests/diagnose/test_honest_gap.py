@@ -169,6 +169,14 @@ def test_what_no_recording_kept_aside_can_verify_is_not_reported_as_found():
     assert verdict([told], fitted) == "missing-physics"
 
 
+def test_what_closes_the_gap_and_leaves_more_than_noise_explains_a_part():
+    fitted = [distance(role="fit", after=0.011)]
+    assert verdict([distance(after=0.04)], fitted) == "missing-physics"  # 92 % of the gap, four times the noise
+    assert verdict([distance(after=0.08)], fitted) == "partly-explained"  # 82 %
+    assert verdict([distance(nominal=0.04, calibrated=0.04, after=0.0149)], fitted) == "missing-physics"  # within noise
+    assert verdict([distance(after=0.2)], fitted) == "none-of-these"  # 51 %
+
+
 def test_a_calibration_that_follows_only_with_implausible_values_is_a_finding():
     # the refit comes within half a per cent, above the noise, by a value many standard deviations away
     near = distance(nominal=0.075, calibrated=0.0024, after=0.0023, noise=0.0012, bare=0.075, parts=(part(9e3, 0.075),))

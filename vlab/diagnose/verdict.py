@@ -53,6 +53,14 @@ def closes_gap(checked: Sequence[Checked], *, is_structure: bool) -> bool:
     return gap is not None and gap >= VERDICT.least_to_noise and max(gap, share or 0.0) >= least
 
 
+def _is_complete(checked: Sequence[Checked], *, is_structure: bool) -> bool:
+    """Return whether the residual is within noise and model error, or the gap nearly closed."""
+    tests = verifying(checked)
+    errors = errors_of(tests)
+    gap = gap_closed(total(tests, "start"), errors["after"], errors["noise"])
+    return not _shows("after", errors, is_structure=is_structure) or (gap is not None and gap >= VERDICT.nearly_all)
+
+
 def _has_lost_a_channel(run: Checked) -> bool:
     """Return whether a model explains nothing of a channel."""
     return any(after >= GAP.lost and noise < 0.5 * GAP.lost for _, _, after, noise in run.channels.values())
@@ -332,7 +340,8 @@ def decide_verdict(
 ) -> Verdict:
     """Return the verdict on the checked recordings.
 
-    A residual counts as coloured noise only beside a calibrated model with plausible parameters. Implausible parameters
+    An explanation that closes the gap is complete where the residual is within noise and model error, or the gap nearly
+    closed. It is partial otherwise. A residual counts as coloured noise only beside a calibrated model with plausible parameters. Implausible parameters
     show that the model lacks something, and short recordings show the coherence of a residual poorly. A residual within noise
     and mesh error shows no linear element: wrong masses and stiffnesses of a mesh act like one.
 
@@ -365,7 +374,7 @@ def decide_verdict(
     if not seen.is_missing and is_of_the_fit_alone(checked, fitted, is_structure=is_structure):
         return "none-of-these"
     if (choice.best.terms or seen.is_missing) and closes_gap(checked, is_structure=is_structure):
-        return "missing-physics"
+        return "missing-physics" if _is_complete(checked, is_structure=is_structure) else "partly-explained"
     is_followed = errors["before"] <= VERDICT.above_noise * errors["noise"] or (is_structure and not unexplained)
     # with implausible parameters; where the effect leaves more than noise, another one may make them plausible
     is_left = choice.best.normalised_residual > MODEL_CHOICE.above_noise
