@@ -6,6 +6,7 @@ of `vlab.diagnose.inference.least_squares`, with matrices of every sample.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -20,6 +21,7 @@ from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import relative_changes
 from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.predictors.held_commands import changed_in_parts, over_intervals
 from vlab.diagnose.predictors.servo_numbers import carried, servo_numbers
 from vlab.diagnose.predictors.trajectory import pad_and_stack
 from vlab.diagnose.predictors.trajectory_integration import integrate_trajectory, trace_laws
@@ -238,13 +240,15 @@ class TrajectoryLeastSquares(LeastSquares):
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, Array]], starts: Array
     ) -> Array:
         """Return channels (n, n_sets, n_windows, p) before sensor effects."""
-        drive, forces = self._drive(terms, theta, values, len(theta))
+        drive, forces, within = self._drive(terms, theta, values, len(theta))
         acting = [(term, own) for term, own in zip(terms, values, strict=True) if term.effect.kind == "port"]
         steps = TRAJECTORY.fine if any(_has_fine_steps(term.effect) for term, _ in acting) else 1
         A, G = (self.A, self.G) if steps == 1 else (self.fine_A, self.fine_G)
         laws = [self._law(term, self._calibrated(term, own, theta), G, steps) for term, own in acting]
         laws.sort(key=lambda law: (not law.is_linear, law.is_last))
         drive = np.einsum("kwan,kswn->kswa", G, drive, optimize=True)
+        if steps == 1:
+            drive = drive + within
         seen = bool(np.any(self.D) or len(self.efforts))
         graphs = trace_laws(laws)
         if graphs is None:
@@ -293,21 +297,22 @@ class TrajectoryLeastSquares(LeastSquares):
 
     def _drive(
         self, terms: Sequence[Term], theta: Array, values: Sequence[Mapping[str, Array]], n_sets: int
-    ) -> tuple[Array, Array]:
-        """Return forces on deviations, and those with direct readings."""
+    ) -> tuple[Array, Array, Array]:
+        """Return forces on deviations, readings of forces, and motion within the intervals."""
         own = relative_changes(self.problem.parameters, theta - self.moving.theta)
         changes, drives = self._changes_beside(terms), self.moving.in_drive
         forces = np.einsum("kwni,si->kswn", changes, own, optimize=True)
-        commanded = np.zeros(())
+        commanded, within = np.zeros(()), np.zeros(())
         for term, given in zip(terms, values, strict=True):
             if isinstance(term.effect, ActuatorEffect):
                 for i in term.place.indices:
-                    commanded = commanded + self._actuated(term.effect, i, given, n_sets)
+                    mean, moved = self._actuated(term.effect, i, given, n_sets)
+                    commanded, within = commanded + mean, within + moved
         forces = forces + commanded
         if not len(self.efforts):
-            return forces, forces.copy()
+            return forces, forces.copy(), within
         in_drive = np.einsum("kwni,si->kswn", changes[..., drives], own[:, drives], optimize=True) + commanded
-        return forces, np.concatenate([forces, in_drive @ self.efforts.T], axis=-1)
+        return forces, np.concatenate([forces, in_drive @ self.efforts.T], axis=-1), within
 
     def _calibrated(self, term: Term, own: Mapping[str, Array], theta: Array) -> Mapping[str, Array]:
         """Return a term's values with the law's own calibrated numbers."""
@@ -379,14 +384,28 @@ class TrajectoryLeastSquares(LeastSquares):
         z, v, a, command = (x[:, None] + wide for x in (z, v, a, command))
         return fast_march(effect, z, v, a, p, s.runs[0].h, command)[1]
 
-    def _actuated(self, effect: ActuatorEffect, index: int, given: Mapping[str, Array], n_sets: int) -> Array:
-        runs, h = self.moving.runs, self.moving.runs[0].h
+    def _actuated(
+        self, effect: ActuatorEffect, index: int, given: Mapping[str, Array], n_sets: int
+    ) -> tuple[Array, Array]:
+        """Return an actuator effect's forces and motion within the intervals.
+
+        The shapes are (n, n_sets, n_windows, nv) and (n, n_sets, n_windows, 2 nv).
+        """
+        moving, h = self.moving, self.moving.runs[0].h
+        parts = moving.parts_of(index)
         series = []
         for s in range(n_sets):
-            p = {k: float(v[s]) for k, v in given.items()}
-            acting = [effect.follow(run.u[:, index], p, h, float(run.command_before[index])) for run in runs]
-            series.append(pad_and_stack([x - run.u[:, index] for x, run in zip(acting, runs, strict=True)]))
-        return np.moveaxis(self._cut(self.moving.force_change(index, np.stack(series, axis=-1))), -1, 1)
+            p = {name: float(v[s]) for name, v in given.items()}
+            each = [
+                changed_in_parts(partial(_changed, effect, p, h / parts, before), run.u[:, index], parts)
+                for run in moving.runs
+                for before in [float(run.command_before[index])]
+            ]
+            series.append(pad_and_stack([np.moveaxis(change, 0, 1) for change in each]))
+        change = np.stack(series, axis=-1)  # (n, n_runs, parts, n_sets)
+        forces = [moving.force_change(index, change[:, :, j]) for j in range(parts)]
+        mean, moved = over_intervals(moving.stack, forces)
+        return np.moveaxis(self._cut(mean), -1, 1), np.moveaxis(self._cut(moved), -1, 1)
 
     def _sense(
         self,
@@ -442,6 +461,10 @@ class TrajectoryLeastSquares(LeastSquares):
             z = np.stack([self._cut(r) for r in whole.z])
             self._lines[place.name] = (rows, z, np.einsum("lkwn,kwn->lkw", rows, self.v), whole.weight)
         return self._lines[place.name]
+
+
+def _changed(effect: ActuatorEffect, p: Values, h: float, before: float, u: Array) -> Array:
+    return np.asarray(effect.follow(u, p, h, before) - u)
 
 
 def _has_fine_steps(effect: Effect) -> bool:

@@ -6,6 +6,7 @@ The method is that of `vlab.diagnose.inference.score_test` (Rao 1948).
 import copy
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,6 +19,7 @@ from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import Uncertain
 from vlab.diagnose.parameters.reduced_model import Discrete
 from vlab.diagnose.predictors.error_growth import parts_within_growth
+from vlab.diagnose.predictors.held_commands import changed_in_parts, over_intervals, parts_of_interval
 from vlab.diagnose.predictors.innovations import Cause, Group
 from vlab.diagnose.predictors.inverse_dynamics import changed_models, forces_of_change, middle_of_steps
 from vlab.diagnose.predictors.kalman import FilterGains as SteadyGains
@@ -39,11 +41,11 @@ from vlab.diagnose.predictors.trajectory import (
 from vlab.diagnose.predictors.trajectory_data import with_signals
 from vlab.diagnose.predictors.trajectory_lines import Lines, lines_along
 from vlab.diagnose.predictors.trajectory_problem import Trajectories
-from vlab.diagnose.predictors.unit_effects import commands_changed, fast_series, unit_amplitudes
+from vlab.diagnose.predictors.unit_effects import commands_changed, fast_series, forces_on_trajectory, unit_amplitudes
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import KERNELS, TRAJECTORY_SCORE_TEST
 from vlab.physics.attach import port_at
-from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PortEffect, SensorEffect, Step
+from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PortEffect, SensorEffect
 from vlab.plants.base import Plant
 from vlab.signals import Array
 
@@ -175,8 +177,8 @@ class TrajectoryScoreTest(ScoreTest):
         group.white = np.linalg.inv(np.linalg.cholesky(self.gains.S))
         return group
 
-    def through(self, group: Group, modal: Array | None, reading: Array | None) -> Array:
-        """See `ScoreTest`; generalised forces replace modal ones."""
+    def through(self, group: Group, modal: Array | None, reading: Array | None, moved: Array | None = None) -> Array:
+        """See `ScoreTest`; generalised forces replace modal ones, and `moved` adds to the states."""
         s, K = self.stack, self.gains.K
         part = modal if modal is not None else reading
         assert part is not None
@@ -190,6 +192,8 @@ class TrajectoryScoreTest(ScoreTest):
         if reading is not None:
             drive -= K @ reading
             out += reading
+        if moved is not None:
+            drive += moved
         state = np.zeros((n_runs, s.A.shape[2], k))
         states = np.zeros((n, *state.shape))
         for i in range(n):
@@ -384,13 +388,14 @@ class TrajectoryScoreTest(ScoreTest):
         """See `ScoreTest`; forces act along directions that turn with the motion."""
         if place.kind in ("sensor", "pick-up"):
             return super().effect_responses(group, place, plans)
-        parts = [self._forces(group, place, effect, shape) for effect, shape in plans]
+        both = [self._forces(group, place, effect, shape) for effect, shape in plans]
+        parts, moved = [force for force, _ in both], np.concatenate([moved for _, moved in both], axis=-1)
         modal = np.concatenate(parts, axis=-1)
         reading = None
         if np.any(self.efforts):
             in_drive = [float(effect.acts_in_drive) * part for (effect, _), part in zip(plans, parts, strict=True)]
             reading = self.read_late(self.efforts @ np.concatenate(in_drive, axis=-1))
-        return self.through(group, modal, reading), [part.shape[-1] for part in parts]
+        return self.through(group, modal, reading, moved), [part.shape[-1] for part in parts]
 
     def cause_responses(self, group: Group, causes: Sequence[Sequence[Cause]]) -> tuple[Array, list[int]]:
         """See `ScoreTest`; a time-varying system has no impulse response."""
@@ -400,14 +405,35 @@ class TrajectoryScoreTest(ScoreTest):
             reading[..., cause.channel, start : start + cause.series.shape[-1]] = cause.series
         return self.through(group, None, reading), widths
 
-    def _forces(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> Array:
-        """Return generalised forces (n, n_runs, nv, k) of an effect's unit amplitudes."""
+    def parts_of(self, actuator: int) -> int:
+        """Return the parts of an interval, each with a command, by `parts_of_interval`."""
+        return parts_of_interval(self.moving.trajectories, self.stepper, actuator)
+
+    def _actuated(
+        self, group: Group, place: Place, effect: ActuatorEffect, shape: dict[str, float]
+    ) -> tuple[Array, Array]:
+        """Return an actuator effect's forces and motion within the intervals."""
+        total, moves = np.zeros(()), np.zeros(())
+        for i in place.indices:
+            parts, before = self.parts_of(i), group.commands_before[:, i]
+            follow = partial(commands_changed, effect, shape=shape, h=group.h / parts, before=before)
+            each = changed_in_parts(follow, group.u[..., i], parts)
+            mean, moved = over_intervals(self.stack, [self.force_change(i, change) for change in each])
+            total, moves = total + mean, moves + moved
+        return total, moves
+
+    def _forces(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> tuple[Array, Array]:
+        """Return the forces of unit amplitudes, and the motion within the intervals.
+
+        The shapes are (n, n_runs, nv, k) and (n, n_runs, 2 nv, k).
+        """
         if isinstance(effect, ActuatorEffect):
-            total = np.zeros(())
-            for i in place.indices:
-                changed = commands_changed(effect, group.u[..., i], shape, group.h, group.commands_before[:, i])
-                total = total + self.force_change(i, changed)
-            return total
+            return self._actuated(group, place, effect, shape)
+        force = self._at_port(group, place, effect, shape)
+        return force, np.zeros((*force.shape[:2], self.stack.A.shape[2], force.shape[-1]))
+
+    def _at_port(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> Array:
+        """Return the generalised forces (n, n_runs, nv, k) of unit amplitudes at a port."""
         rows, z, v, a = self.known_motion(place)
         if isinstance(effect, LinearPortEffect):
             (values,) = unit_amplitudes(effect, {})
@@ -457,36 +483,3 @@ class TrajectoryScoreTest(ScoreTest):
         e = pad_and_stack([c.y - a.read for c, a in zip(trajectories, self.systems, strict=True)])
         left, predicted = innovations(self.stack, self.gains, e)
         return smoothed(self.stack, self.gains, left, predicted)
-
-
-def forces_on_trajectory(
-    effect: PortEffect, z: Array, v: Array, values: dict[str, float], h: Array, t: Array, command: Any = 0.0
-) -> Array:
-    """Return an effect's force along a motion with individual intervals.
-
-    Parameters
-    ----------
-    effect : PortEffect
-        Effect.
-    z, v : (n, n_runs) array
-        Displacement and velocity [SI].
-    values : dict
-        Parameter values.
-    h, t : (n, n_runs) array
-        Intervals and times [s].
-    command : float or array
-        Command at the port.
-
-    Returns
-    -------
-    (n, n_runs) array
-        Force [SI].
-    """
-    memory = effect.memory(z.shape[1:])
-    if memory is None:
-        return np.asarray(effect.force(z, v, values, Step(h=1.0, t=t, command=command), None)[0]) + 0.0 * z
-    out = np.zeros(z.shape)
-    for k in range(len(z)):
-        step = Step(h=h[k], t=t[k])
-        out[k], memory = effect.force(z[k], v[k], values, step, memory)
-    return out

@@ -38,6 +38,8 @@ class TrajectoryData:
         Inputs at the samples, as sensors of forces and accelerations see them. A sensor is read before a held command changes.
     is_behind : bool
         Whether all commands are held, so that readings of their forces are one sample behind them.
+    is_stepped : bool
+        Whether all commands are constant over the intervals.
     act : (n, na) array or None
         Actuator states.
     y : (n, p) array
@@ -59,6 +61,7 @@ class TrajectoryData:
     now_u: Array
     now_load: Array
     is_behind: bool
+    is_stepped: bool
     act: Array | None
     y: Array
     noise: Array
@@ -161,6 +164,7 @@ def read_trajectory_data(
         now_u=now[:, :n_actuators],
         now_load=now[:, n_actuators:],
         is_behind=all(drive.is_held and not drive.is_first for drive in run.drives),
+        is_stepped=all(drive.is_held for drive in run.drives),
         act=actuator_states(stepper.plant, u, np.diff(edges)) if stepper.model.na else None,
         y=y,
         noise=np.array(

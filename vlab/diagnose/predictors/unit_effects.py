@@ -169,3 +169,36 @@ def fast_march(
             now = Step(h=step, free_velocity=last[k], first_velocity=first[k], command=given[k])
             out[k], memory = effect.force(where[k], 0.5 * (first[k] + last[k]), values, now, memory)
     return out, memory
+
+
+def forces_on_trajectory(
+    effect: PortEffect, z: Array, v: Array, values: dict[str, float], h: Array, t: Array, command: Any = 0.0
+) -> Array:
+    """Return an effect's force along a motion with individual intervals.
+
+    Parameters
+    ----------
+    effect : PortEffect
+        Effect.
+    z, v : (n, n_runs) array
+        Displacement and velocity [SI].
+    values : dict
+        Parameter values.
+    h, t : (n, n_runs) array
+        Intervals and times [s].
+    command : float or array
+        Command at the port.
+
+    Returns
+    -------
+    (n, n_runs) array
+        Force [SI].
+    """
+    memory = effect.memory(z.shape[1:])
+    if memory is None:
+        return np.asarray(effect.force(z, v, values, Step(h=1.0, t=t, command=command), None)[0]) + 0.0 * z
+    out = np.zeros(z.shape)
+    for k in range(len(z)):
+        step = Step(h=h[k], t=t[k])
+        out[k], memory = effect.force(z[k], v[k], values, step, memory)
+    return out

@@ -4,10 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest, forces_on_trajectory
+from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.mjcf import relative_changes
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.predictors.trajectory import pad_and_stack
+from vlab.diagnose.predictors.unit_effects import forces_on_trajectory
 from vlab.physics.effect import LinearPortEffect, PortEffect
 from vlab.signals import Array
 

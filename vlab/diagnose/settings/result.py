@@ -117,9 +117,8 @@ class VerdictSettings:
     """better_of_mesh [1]: largest noise-free residual ratio of a better structure whose calibrated residual is mesh
     error, 0 to 1. Effects that absorb mesh error gain hundredths; raising it accepts smaller improvements."""
     nearly_all: float = 0.9
-    """nearly_all [1]: share of the gap that makes an explanation complete beside a residual above noise and model error,
-    and median share over recordings from which one recording may close less, 0 to 1. True effects on two rigs closed
-    0.91 or more. Raising it calls more explanations partial."""
+    """nearly_all [1]: share of the gap that makes an explanation complete, and median share over recordings from which one
+    may close less, 0 to 1. True effects on two rigs closed 0.91 or more. Raising it calls more explanations partial."""
 
 
 ADVICE = AdviceSettings()
