@@ -224,6 +224,16 @@ def test_the_best_attempt_is_the_chosen_one_or_the_next_that_did_not_run_away():
     assert best_attempt(ran, iter([ran] * ATTEMPT.most_attempts + [good])) is None
 
 
+def test_an_attempt_that_explains_most_goes_before_one_that_explains_a_part():
+    surely = np.array([0.9, 1.1, 1.0, 0.8])
+    poor, part_of_it, most = (
+        attempt(distance(after=after, log_ratios=sure * surely))
+        for after, sure in ((0.39, 0.0), (0.35, 0.3), (0.2, 1.0))
+    )
+    assert best_attempt(part_of_it, iter([most])) is most
+    assert best_attempt(poor, iter([part_of_it, poor])) is part_of_it
+
+
 def keys(document):
     """All keys of a document, wherever they stand."""
     if isinstance(document, dict):

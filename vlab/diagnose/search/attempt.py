@@ -14,7 +14,7 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.ablation import ablate
 from vlab.diagnose.settings import ATTEMPT
 from vlab.diagnose.validation.simulation import ExtendedModel, SimulationCache, check, extended
-from vlab.diagnose.verdict import explains_part
+from vlab.diagnose.verdict import explains_most, explains_part
 from vlab.physics.effect import Effect
 
 
@@ -141,7 +141,7 @@ def _useful_terms(attempt: Attempt, first: int) -> tuple[Term, ...]:
 
 
 def best_attempt(first: Attempt, others: Iterable[Attempt]) -> Attempt | None:
-    """Return the best attempt that explains a part, else the best without divergence, else None.
+    """Return the attempt that explains most, else a part, else the best without divergence.
 
     Parameters
     ----------
@@ -153,15 +153,15 @@ def best_attempt(first: Attempt, others: Iterable[Attempt]) -> Attempt | None:
     Returns
     -------
     Attempt or None
-        Best attempt.
+        Best attempt; None where all diverge.
     """
-    best = first if first.findings and first.holds else None
+    part = best = None
     for attempt in chain([first] if first.findings else [], islice(others, ATTEMPT.most_attempts)):
-        if explains_part(attempt.checked):
+        if explains_most(attempt.checked):
             return attempt
-        if best is None and attempt.holds:
-            best = attempt
-    return best
+        part = part or (attempt if explains_part(attempt.checked) else None)
+        best = best or (attempt if attempt.holds else None)
+    return part or best
 
 
 def _same(model: ExtendedModel) -> ExtendedModel:
