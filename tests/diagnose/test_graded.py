@@ -116,6 +116,8 @@ def test_parameters_beyond_the_quantile_refute_a_model():
 def test_the_unexplained_share_bounds_the_probability():
     (one,) = graded([finding("coulomb-friction")], choice(coulomb_friction=0.9, added_mass=0.1), 0.6)
     assert one.probability == pytest.approx(0.54)
+    (of_data,) = graded([replace(finding("sensor-clipping"), probability=0.99)], choice(coulomb_friction=0.9), 0.6)
+    assert of_data.probability == pytest.approx(0.6 * 0.99)  # read off the data, without rivals in the search
 
 
 # ---- several effects -------------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.held_commands import changed_in_parts
 from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory
+from vlab.diagnose.settings import TRAJECTORY
 from vlab.physics.catalogue import EFFECTS
 
 RATE, DELAY = 50.0, 0.0032
@@ -78,3 +79,19 @@ def test_the_parts_of_a_late_stair_are_before_and_after_the_change():
     late = changed_in_parts(lambda u: np.concatenate([[0.0], u[:-1]]) - u, np.array([0.0, 1.0, 3.0]), 4)
     assert np.array_equal(late[:, 1], [-1.0, 0.0, 0.0, 0.0])  # one part late
     assert np.array_equal(late[:, 2], [-2.0, 0.0, 0.0, 0.0])
+
+
+def test_a_law_beside_a_delay_keeps_the_changes_within_the_intervals(screen):
+    actuator = next(p for p in screen.problem.places if p.kind == "actuator")
+    joint = next(p for p in screen.problem.places if p.name == "joint:joint")
+    delay = Term(effect=EFFECTS["actuator-delay"], place=actuator, values={"delay": 0.0032})
+    friction = Term(effect=EFFECTS["coulomb-friction"], place=joint, values={"force": 1e-7})  # in fine steps
+    fits = TrajectoryLeastSquares(screen, whole=True)
+    alone, both = fits.fit((delay,)), fits.fit((delay, friction))
+    assert both.cost < 1.1 * alone.cost
+    assert both.terms[0].values["delay"] == pytest.approx(DELAY, rel=0.05)
+
+
+def test_effects_on_the_clock_of_the_samples_have_undivided_intervals(screen):
+    assert screen.parts_of(0, EFFECTS["actuator-delay"]) == TRAJECTORY.fine
+    assert screen.parts_of(0, EFFECTS["rate-limit"]) == screen.parts_of(0, EFFECTS["actuator-jitter"]) == 1

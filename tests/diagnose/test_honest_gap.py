@@ -232,6 +232,7 @@ def test_an_attempt_that_explains_most_goes_before_one_that_explains_a_part():
     )
     assert best_attempt(part_of_it, iter([most])) is most
     assert best_attempt(poor, iter([part_of_it, poor])) is part_of_it
+    assert best_attempt(part_of_it, iter([most]), lambda a: a is part_of_it) is part_of_it  # the other is improbable
 
 
 def keys(document):

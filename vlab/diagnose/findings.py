@@ -157,7 +157,7 @@ def graded(
             shares[name] = shares.get(name, 0.0) + p / max(known, 1e-300)
     out = []
     for finding in findings:
-        own = shares.get(finding.effect, 0.0)
+        own = shares.get(finding.effect, finding.probability)  # findings from the data alone have no rivals
         related = (t.effect for h, _ in choice.tried for t in h.terms if t.effect.family == finding.family)
         alike = [e.physics for e in related if shares[e.physics] >= own]
         out.append(replace(finding, probability=most * own, alike=tuple(dict.fromkeys([*finding.alike, *alike]))))

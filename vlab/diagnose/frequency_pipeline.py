@@ -140,8 +140,10 @@ def diagnose_frequency(
     verdict, attempt = _verdict(choice, tried.checked, left_out, lambda: fitted().checked), None
     if verdict == "none-of-these":
         others = (h for h in found.hypotheses if h.label != choice.best.label)
-        attempt = best_attempt(tried, (trials(h.fit, findings_of_attempt(h, h.fit, problem)) for h in others))
-        if attempt is not None and is_partial_explanation(attempt, choice):
+        is_partial = partial(is_partial_explanation, choice=choice)
+        fits = (trials(h.fit, findings_of_attempt(h, h.fit, problem)) for h in others)
+        attempt = best_attempt(tried, fits, is_partial)
+        if attempt is not None and is_partial(attempt):
             verdict, tried, attempt = "partly-explained", attempt, None
             fit, after = tried.fit, extended_by(problem, tried.fit)
     if verdict == "none-of-these" and file.of("warning"):

@@ -5,6 +5,8 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+import numpy as np
+
 from vlab.cases.case import Case
 from vlab.cases.channel_map import Run
 from vlab.cases.checks import FileCheck, check_recordings
@@ -37,7 +39,7 @@ from vlab.diagnose.search.deadline import Deadline
 from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised, choose_model_class
 from vlab.diagnose.search.sampling_convention import said
 from vlab.diagnose.search.selection import TimeFound
-from vlab.diagnose.validation.gap import explained_share
+from vlab.diagnose.validation.gap import explained_share, total
 from vlab.diagnose.validation.mismatch import locate_mismatch
 from vlab.diagnose.validation.next_experiment import experiments, in_words
 from vlab.diagnose.validation.simulation import Checked, ExtendedModel, check, coarse_steps, extended, with_finer_steps
@@ -245,20 +247,23 @@ class _Pass:
         return self._again(searched, judged) or self._diagnosed(searched, judged)
 
     def _again(self, searched: _Searched, judged: _Judged) -> Diagnosed | None:
-        """Return the diagnosis of another search where this one names nothing.
+        """Return the diagnosis of another search where this one explains nothing, or less than half.
 
         A sensor fault can absorb the linear error of a model, and the forward selection then misses the physics. The second
         search is without sensor faults, the third for a tabulated force at a place.
         """
-        attempt = judged.attempt
+        assert judged.tried is not None
+        is_weak = judged.verdict == "partly-explained" and not explains_most(judged.tried.checked)
+        attempt = judged.tried if is_weak else judged.attempt
         is_idle = attempt is not None and attempt.is_of_the_fit_alone  # the hold-out recordings show no mismatch
-        if judged.verdict != "none-of-these" or is_idle:
+        if not (is_weak or judged.verdict == "none-of-these") or is_idle:
             return None
+        left = total(attempt.checked, "after") if is_weak and attempt is not None else np.inf
         if attempt is not None and any(term.effect.kind == "sensor" for term in attempt.fit.terms):
             self.report(0.95, "searching without sensor faults")
             physics = [effect for effect in self.effects if effect.kind != "sensor"]
             other, ours, again = self._other(searched, physics, NO_SENSOR_FAULT)
-            if again is not None:
+            if again is not None and again.tried is not None and total(again.tried.checked, "after") < left:
                 return other._diagnosed(ours, again)
         if searched.holdout.is_new:  # the table is verified on another motion
             self.report(0.95, "fitting a tabulated force")
@@ -347,8 +352,9 @@ class _Pass:
                 tried,
                 len(seen.of_law(problem)),
                 lambda fewer: trials.of(fewer, terms_of(fewer)),
-                lambda fewer: verdict_on(trials, fewer) == verdict,
+                lambda fewer: verdict_on(trials, fewer) in (verdict, "missing-physics"),
             )
+            verdict = verdict_on(trials, tried)
             if tried.fit is not fit:
                 judged = replace(judged, fit=tried.fit, after=seen.on(extended(problem, tried.fit)))
         may_be_coarse = verdict == "none-of-these" and not searched.is_structure
@@ -372,14 +378,15 @@ class _Pass:
         """Return a partial explanation where an attempt is one, otherwise the best attempt."""
         assert judged.tried is not None
         others = (h for h in searched.found.hypotheses if h.label != judged.choice.best.label)
-        attempt = best_attempt(judged.tried, (trials.of_hypothesis(h, self.effects) for h in others))
-        if attempt is None or not is_partial_explanation(attempt, judged.choice):
+        is_partial = partial(is_partial_explanation, choice=judged.choice)
+        attempt = best_attempt(judged.tried, (trials.of_hypothesis(h, self.effects) for h in others), is_partial)
+        if attempt is None or not is_partial(attempt):
             return replace(judged, attempt=attempt)
         attempt = without_useless(
             attempt,
             len(judged.seen.of_law(searched.problem)),
             lambda fewer: trials.of(fewer, findings_of_terms(judged.choice, fewer, searched.problem)),
-            lambda fewer: is_partial_explanation(fewer, judged.choice),
+            is_partial,
         )
         after = judged.seen.on(extended(searched.problem, attempt.fit))
         after = after if trials.change is None else trials.change(after)

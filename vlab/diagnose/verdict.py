@@ -42,8 +42,7 @@ def closes_gap(checked: Sequence[Checked], *, is_structure: bool) -> bool:
     if any(run.after >= GAP.lost or _has_lost_a_channel(run) for run in checked):
         return False
     tests = verifying(checked)
-    gaps = [gap for run in tests if (gap := gap_closed(run.start, run.after, run.noise)) is not None]
-    if len(gaps) > 2 and np.median(gaps) >= VERDICT.nearly_all and min(gaps) >= VERDICT.least_to_noise:
+    if _is_nearly_closed_in_most(tests):
         return True
     errors = {**errors_of(tests), "start": total(tests, "start")}
     gap = gap_closed(errors["start"], errors["after"], errors["noise"])
@@ -53,12 +52,19 @@ def closes_gap(checked: Sequence[Checked], *, is_structure: bool) -> bool:
     return gap is not None and gap >= VERDICT.least_to_noise and max(gap, share or 0.0) >= least
 
 
+def _is_nearly_closed_in_most(tests: Sequence[Checked]) -> bool:
+    """Return whether the gap is nearly closed in most recordings, and half closed in each."""
+    gaps = [gap for run in tests if (gap := gap_closed(run.start, run.after, run.noise)) is not None]
+    return bool(len(gaps) > 2 and np.median(gaps) >= VERDICT.nearly_all and min(gaps) >= VERDICT.least_to_noise)
+
+
 def _is_complete(checked: Sequence[Checked], *, is_structure: bool) -> bool:
     """Return whether the residual is within noise and model error, or the gap nearly closed."""
     tests = verifying(checked)
     errors = errors_of(tests)
     gap = gap_closed(total(tests, "start"), errors["after"], errors["noise"])
-    return not _shows("after", errors, is_structure=is_structure) or (gap is not None and gap >= VERDICT.nearly_all)
+    is_nearly_closed = (gap is not None and gap >= VERDICT.nearly_all) or _is_nearly_closed_in_most(tests)
+    return is_nearly_closed or not _shows("after", errors, is_structure=is_structure)
 
 
 def _has_lost_a_channel(run: Checked) -> bool:
@@ -220,7 +226,8 @@ def explains_part(checked: Sequence[Distance]) -> bool:
 
 def _predicts_better(checked: Sequence[Distance]) -> bool:
     """Return whether the extended model predicts significantly better over all data."""
-    return predicts_better(np.concatenate([c.log_ratios for c in checked]), VERDICT.false_alarm_rate)
+    ratios = [ratio for c in checked for ratio in c.log_ratios]
+    return predicts_better(np.array(ratios), VERDICT.false_alarm_rate)
 
 
 def explains_most(checked: Sequence[Distance]) -> bool:
@@ -341,7 +348,9 @@ def decide_verdict(
     """Return the verdict on the checked recordings.
 
     An explanation that closes the gap is complete where the residual is within noise and model error, or the gap nearly
-    closed. It is partial otherwise. A residual counts as coloured noise only beside a calibrated model with plausible parameters. Implausible parameters
+    closed. It is partial otherwise.
+
+    A residual counts as coloured noise only beside a calibrated model with plausible parameters. Implausible parameters
     show that the model lacks something, and short recordings show the coherence of a residual poorly. A residual within noise
     and mesh error shows no linear element: wrong masses and stiffnesses of a mesh act like one.
 

@@ -12,7 +12,8 @@ def calibrate(screen: TrajectoryScoreTest, start: Fit | None = None) -> tuple[Tr
     """Calibrate the model without effects on whole recordings.
 
     The linear system errs where the parameters end far from those of its linearisation. The linearisation is renewed while
-    the calibrated model gains more log likelihood in MuJoCo than indistinguishable hypotheses differ by.
+    the log posterior in MuJoCo grows by more than the difference of indistinguishable hypotheses. Likelihood alone would
+    follow missing physics with implausible parameters.
 
     Parameters
     ----------
@@ -34,8 +35,11 @@ def calibrate(screen: TrajectoryScoreTest, start: Fit | None = None) -> tuple[Tr
     while True:
         renewed = screen.at(fit.theta)
         whole = SimulatorLeastSquares(renewed)
-        fit = whole.fit((), fit)
-        now = whole.residual_in_mujoco(fit)
-        if not EVIDENCE.model_error_samples * np.log(residual / now) > MODEL_CHOICE.alike:
+        tried = whole.fit((), fit)
+        now = whole.residual_in_mujoco(tried)
+        if not 0.0 < now < residual:
             return screen, found
-        screen, found, residual = renewed, fit, now
+        gain = EVIDENCE.model_error_samples * np.log(residual / now) if np.isfinite(residual) else np.inf
+        if not gain - 0.5 * (tried.prior_cost - fit.prior_cost) > MODEL_CHOICE.alike:
+            return screen, found
+        screen, found, fit, residual = renewed, tried, tried, now

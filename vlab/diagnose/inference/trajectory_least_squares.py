@@ -247,16 +247,13 @@ class TrajectoryLeastSquares(LeastSquares):
         laws = [self._law(term, self._calibrated(term, own, theta), G, steps) for term, own in acting]
         laws.sort(key=lambda law: (not law.is_linear, law.is_last))
         drive = np.einsum("kwan,kswn->kswa", G, drive, optimize=True)
-        if steps == 1:
-            drive = drive + within
+        defect = self.defect[:, None] - within if within.ndim else self.defect[:, None]
         seen = bool(np.any(self.D) or len(self.efforts))
         graphs = trace_laws(laws)
         if graphs is None:
-            states = self._as_written(laws, A, drive, starts, forces, steps, seen=seen)
+            states = self._as_written(laws, A, drive, defect, starts, forces, steps, seen=seen)
         else:
-            states = integrate_trajectory(
-                laws, graphs, A, drive, self.defect, starts, forces if seen else forces[:0], steps
-            )
+            states = integrate_trajectory(laws, graphs, A, drive, defect, starts, forces if seen else forces[:0], steps)
         y = self.read[:, None] + np.einsum("kwpa,kswa->kswp", self.C, states, optimize=True)
         if seen:
             nv = self.reduced_model.m
@@ -272,8 +269,9 @@ class TrajectoryLeastSquares(LeastSquares):
         )
 
     def _as_written(
-        self, laws: Sequence[Law], A: Array, drive: Array, starts: Array, forces: Array, steps: int, *, seen: bool
-    ) -> Array:
+        self, laws: Sequence[Law], A: Array, drive: Array, defect: Array, starts: Array, forces: Array, steps: int,
+        *, seen: bool,
+    ) -> Array:  # fmt: skip
         """Integrate with laws without an expression graph."""
         x = starts.copy()
         states = np.zeros((self.length, *x.shape))
@@ -286,7 +284,7 @@ class TrajectoryLeastSquares(LeastSquares):
                     if seen and j == 0:
                         forces[k] += push
                 x = free
-            x = x - self.defect[k]
+            x = x - defect[k]
             if k % TRAJECTORY_INTEGRATION.check_every == 0:
                 x = np.clip(
                     np.nan_to_num(x, nan=TRAJECTORY_INTEGRATION.far),
@@ -392,7 +390,7 @@ class TrajectoryLeastSquares(LeastSquares):
         The shapes are (n, n_sets, n_windows, nv) and (n, n_sets, n_windows, 2 nv).
         """
         moving, h = self.moving, self.moving.runs[0].h
-        parts = moving.parts_of(index)
+        parts = moving.parts_of(index, effect)
         series = []
         for s in range(n_sets):
             p = {name: float(v[s]) for name, v in given.items()}

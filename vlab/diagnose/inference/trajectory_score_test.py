@@ -62,8 +62,8 @@ class TrajectoryScoreTest(ScoreTest):
 
     Notes
     -----
-    Uncertain parameters stay nominal and enter linearly. A refit to recordings with missing physics would reach their
-    bounds and hide that physics. `at` linearises elsewhere for a hypothesis.
+    Uncertain parameters enter linearly, about their nominal values. A refit to recordings with missing physics would reach
+    their bounds and hide that physics. `at` linearises elsewhere: for a hypothesis, and for a plausible calibration.
     """
 
     keeps_plans: ClassVar[bool] = True
@@ -405,9 +405,9 @@ class TrajectoryScoreTest(ScoreTest):
             reading[..., cause.channel, start : start + cause.series.shape[-1]] = cause.series
         return self.through(group, None, reading), widths
 
-    def parts_of(self, actuator: int) -> int:
+    def parts_of(self, actuator: int, effect: ActuatorEffect) -> int:
         """Return the parts of an interval, each with a command, by `parts_of_interval`."""
-        return parts_of_interval(self.moving.trajectories, self.stepper, actuator)
+        return parts_of_interval(self.moving.trajectories, self.stepper, actuator, effect)
 
     def _actuated(
         self, group: Group, place: Place, effect: ActuatorEffect, shape: dict[str, float]
@@ -415,7 +415,7 @@ class TrajectoryScoreTest(ScoreTest):
         """Return an actuator effect's forces and motion within the intervals."""
         total, moves = np.zeros(()), np.zeros(())
         for i in place.indices:
-            parts, before = self.parts_of(i), group.commands_before[:, i]
+            parts, before = self.parts_of(i, effect), group.commands_before[:, i]
             follow = partial(commands_changed, effect, shape=shape, h=group.h / parts, before=before)
             each = changed_in_parts(follow, group.u[..., i], parts)
             mean, moved = over_intervals(self.stack, [self.force_change(i, change) for change in each])

@@ -17,10 +17,13 @@ from vlab.diagnose.predictors.step_jacobian import Stepper
 from vlab.diagnose.predictors.trajectory import SystemBatch
 from vlab.diagnose.predictors.trajectory_data import TrajectoryData
 from vlab.diagnose.settings import TRAJECTORY
+from vlab.physics.effect import ActuatorEffect
 from vlab.signals import Array
 
 
-def parts_of_interval(trajectories: Sequence[TrajectoryData], stepper: Stepper, actuator: int) -> int:
+def parts_of_interval(
+    trajectories: Sequence[TrajectoryData], stepper: Stepper, actuator: int, effect: ActuatorEffect
+) -> int:
     """Return the number of parts of an interval for an actuator's commands.
 
     Parameters
@@ -31,14 +34,16 @@ def parts_of_interval(trajectories: Sequence[TrajectoryData], stepper: Stepper, 
         Stepped plant.
     actuator : int
         Index of the actuator.
+    effect : ActuatorEffect
+        Effect on its commands.
 
     Returns
     -------
     int
-        `TRAJECTORY.fine`; 1 for commands that are no stairs, and for actuators with dynamics.
+        `TRAJECTORY.fine`; 1 for commands that are no stairs, actuators with dynamics, and effects on the clock of the samples.
     """
     is_stepped = all(trajectory.is_stepped for trajectory in trajectories)
-    return TRAJECTORY.fine if is_stepped and actuator not in stepper.lags else 1
+    return TRAJECTORY.fine if is_stepped and actuator not in stepper.lags and not effect.is_clocked else 1
 
 
 def changed_in_parts(follow: Callable[[Array], Array], command: Array, parts: int) -> Array:

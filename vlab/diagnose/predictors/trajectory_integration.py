@@ -78,7 +78,7 @@ def integrate_trajectory(
         State matrices of a step.
     drive : (n, n_sets, n_windows, 2 nv) array
         Effect of the inputs in a step.
-    defect : (n, n_windows, 2 nv) array
+    defect : (n, n_sets or 1, n_windows, 2 nv) array
         Motion minus the model's prediction at the next sample.
     starts : (n_sets, n_windows, 2 nv) array
         Initial deviations.
@@ -166,6 +166,7 @@ def _integrate(
     lengths, times, commands = clock
     operations, bounds, firsts, stored, recalled = graphs
     n, n_sets, n_windows, size = drive.shape
+    n_defects = defect.shape[1]
     m, n_laws, lines = size // 2, len(kinds), rows.shape[2]
     free, force = np.empty_like(x), np.zeros((n_sets, n_windows, lines))
     z0, z1, v0, v1 = np.zeros(lines), np.zeros(lines), np.zeros(lines), np.zeros(lines)
@@ -261,7 +262,7 @@ def _integrate(
         for s in range(n_sets):
             for w in range(n_windows):
                 for a in range(size):
-                    x[s, w, a] -= defect[k, w, a]
+                    x[s, w, a] -= defect[k, min(s, n_defects - 1), w, a]
                     if k % CHECK_EVERY == 0:
                         now = x[s, w, a]
                         x[s, w, a] = FAR if np.isnan(now) else min(max(now, -FAR), FAR)

@@ -140,7 +140,9 @@ def _useful_terms(attempt: Attempt, first: int) -> tuple[Term, ...]:
     return tuple(kept) or attempt.fit.terms
 
 
-def best_attempt(first: Attempt, others: Iterable[Attempt]) -> Attempt | None:
+def best_attempt(
+    first: Attempt, others: Iterable[Attempt], is_partial: Callable[[Attempt], bool] | None = None
+) -> Attempt | None:
     """Return the attempt that explains most, else a part, else the best without divergence.
 
     Parameters
@@ -149,17 +151,21 @@ def best_attempt(first: Attempt, others: Iterable[Attempt]) -> Attempt | None:
         Attempt with the chosen hypothesis.
     others : iterable of Attempt
         Lazily evaluated attempts with other hypotheses, best first.
+    is_partial : callable or None
+        Whether an attempt may be reported as a partial explanation; `explains_part` by default.
 
     Returns
     -------
     Attempt or None
         Best attempt; None where all diverge.
     """
+    is_partial = is_partial or (lambda attempt: explains_part(attempt.checked))
     part = best = None
     for attempt in chain([first] if first.findings else [], islice(others, ATTEMPT.most_attempts)):
-        if explains_most(attempt.checked):
-            return attempt
-        part = part or (attempt if explains_part(attempt.checked) else None)
+        if is_partial(attempt):
+            if explains_most(attempt.checked):
+                return attempt
+            part = part or attempt
         best = best or (attempt if attempt.holds else None)
     return part or best
 

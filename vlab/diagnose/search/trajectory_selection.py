@@ -24,6 +24,7 @@ from vlab.diagnose.search.forward_selection import ForwardSelection, in_all_join
 from vlab.diagnose.search.selection import TimeFound, shows
 from vlab.diagnose.search.shortlist import best_of_effects, completing, shortlisted
 from vlab.diagnose.settings import HYPOTHESIS_FITS, SCORE_TEST, SECOND_EFFECT, SELECTION, SHORTLIST
+from vlab.diagnose.verdict import has_plausible_parameters
 from vlab.physics.effect import Effect
 
 
@@ -56,7 +57,12 @@ def search_moving(
     problem = screen.problem
     effects = [effect for effect in effects if shows(problem, effect)]
     report(0.2, "calibrating")
-    screen, start = calibrate(screen)
+    renewed, start = calibrate(screen)
+    # implausible parameters absorb missing physics, which the screening about them would not see
+    if start is not None and has_plausible_parameters(start):
+        screen = renewed
+    else:
+        start = None
     report(0.3, "screening")
     candidates = screen.candidates(effects)
     narrow, whole = TrajectoryLeastSquares(screen), TrajectoryLeastSquares(screen, whole=True)
