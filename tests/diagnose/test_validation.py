@@ -272,9 +272,10 @@ def test_side_by_side_nested_and_failing():
 def test_a_loop_with_a_limited_voltage_is_diagnosed():
     done = diagnose(load_case(asset("cases/avc_cantilever/closed_loop_identified_observer.toml")))
     diagnosis = done.diagnosis
-    assert diagnosis.verdict == "missing-physics"
+    assert diagnosis.verdict == "partly-explained"  # the loop leaves seven to ten times the noise
     first = diagnosis.findings[0]
     assert (first.effect, first.place) == ("actuator-clipping", "actuator:piezo")
+    assert first.probability > 0.95
     assert first.parameters["limit"]["value"] == pytest.approx(119.0, rel=0.02)
     assert diagnosis.is_verified
     assert [r["name"] for r in diagnosis.heldout["per_recording"]] == ["release 2", "release 3"]
