@@ -63,7 +63,9 @@ def moved(name, motion, h, *, steps=1, starts=None, row=ROW, values=None, weight
         graphs = trace_laws([law])
         assert graphs is not None
         system = np.broadcast_to(A, (n, 1, 4, 4))
-        states = integrate_trajectory([law], graphs, system, still, defect, start, np.zeros((0, 1, 1, 2)), steps)
+        states = integrate_trajectory(
+            [law], graphs, system, still, defect[:, None], start, np.zeros((0, 1, 1, 2)), steps
+        )
     else:
         states, x = still, start.copy()
         for k in range(n):
@@ -314,7 +316,7 @@ def test_a_march_without_laws_is_the_recursion_of_its_matrices():
         rng.standard_normal((n, 3, 4)),
         rng.standard_normal((2, 3, 4)),
     )
-    states = integrate_trajectory([], [], A, drive, defect, starts, np.zeros((0, 2, 3, 2)), 2)
+    states = integrate_trajectory([], [], A, drive, defect[:, None], starts, np.zeros((0, 2, 3, 2)), 2)
     x = starts
     for k in range(n):
         np.testing.assert_allclose(states[k], x, atol=1e-9)
@@ -328,7 +330,7 @@ def test_what_runs_away_in_one_set_stays_finite_and_leaves_the_others_alone():
     A = np.broadcast_to(np.diag([1.5, 0.5, 1.0, 1.0]), (n, 1, 4, 4))
     starts = np.array([[[1.0, 1.0, 1.0, 0.0]], [[0.0, 1.0, 1.0, 0.0]]])
     states = integrate_trajectory(
-        [], [], A, np.zeros((n, 2, 1, 4)), np.zeros((n, 1, 4)), starts, np.zeros((0, 2, 1, 2)), 1
+        [], [], A, np.zeros((n, 2, 1, 4)), np.zeros((n, 1, 1, 4)), starts, np.zeros((0, 2, 1, 2)), 1
     )
     assert np.isfinite(states).all()
     assert np.abs(states).max() <= TRAJECTORY_INTEGRATION.far * 1.5**8
@@ -346,7 +348,7 @@ def test_the_forces_that_a_sensor_sees_are_those_of_the_first_step():
     forces, starts = np.zeros((n, 1, 1, 2)), np.array([[[0.4, -0.2, 1.0, 0.5]]])
     system = np.broadcast_to(A, (n, 1, 4, 4))
     states = integrate_trajectory(
-        [law], trace_laws([law]), system, np.zeros((n, 1, 1, 4)), np.zeros((n, 1, 4)), starts, forces, 1
+        [law], trace_laws([law]), system, np.zeros((n, 1, 1, 4)), np.zeros((n, 1, 1, 4)), starts, forces, 1
     )
     beyond = states[1:, 0, 0] - states[:-1, 0, 0] @ A.T
     np.testing.assert_allclose(beyond, forces[:-1, 0, 0] @ G.T, atol=1e-12)

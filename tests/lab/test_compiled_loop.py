@@ -12,6 +12,7 @@ from vlab.errors import BadExperiment
 from vlab.hardware.output_chain import OutputChain
 from vlab.hardware.sensing import Sampling
 from vlab.lab import Experiment, loop, run_experiment
+from vlab.lab.callback import callback_kept, control_callback
 from vlab.lab.compiled_loop import system_of
 from vlab.lab.excitation import Multisine, Release
 from vlab.lab.laws import named_law, published_law
@@ -202,6 +203,14 @@ def test_both_kinds_of_loop_run_side_by_side(modal, composite, beam):
         thread.join()
     for one, other in zip(alone, together, strict=True):
         assert np.array_equal(one.recording.data, other.recording.data)
+
+
+def test_the_dispatcher_stays_while_compiled_steps_run():
+    with callback_kept():
+        with control_callback(object(), lambda model, data: None):
+            assert mujoco.get_mjcb_control() is not None
+        assert mujoco.get_mjcb_control() is not None  # a thread may be between MuJoCo's test and its call
+    assert mujoco.get_mjcb_control() is None
 
 
 def test_a_run_ends_with_its_last_step(modal, laboratory):

@@ -1,7 +1,8 @@
 """MuJoCo control callback shared by many loops.
 
 `mjcb_control` is a single pointer of the process. The dispatcher is installed while any loop runs. Each call goes to
-the loop that owns its `MjData`, so experiments in parallel threads share nothing.
+the loop that owns its `MjData`, so experiments in parallel threads share nothing. MuJoCo reads the pointer twice, once to
+test and once to call, so the dispatcher stays while compiled steps run without the interpreter's lock.
 """
 
 import threading
@@ -14,6 +15,7 @@ import mujoco
 from vlab.errors import BadExperiment
 
 _loops: dict[int, Callable[[Any, Any], None]] = {}
+_unlocked: set[object] = set()
 _lock = threading.Lock()
 
 
@@ -33,6 +35,32 @@ def refuse_foreign_callback() -> None:
     """
     if mujoco.get_mjcb_control() not in (None, _dispatch):
         raise BadExperiment("another mjcb_control is installed; remove it with mujoco.set_mjcb_control(None) first")
+
+
+def _remove_if_unused() -> None:
+    """Remove an unused dispatcher; `_lock` is held."""
+    if not _loops and not _unlocked and mujoco.get_mjcb_control() is _dispatch:
+        mujoco.set_mjcb_control(None)
+
+
+@contextmanager
+def callback_kept() -> Iterator[None]:
+    """Keep the dispatcher during compiled steps without the interpreter's lock.
+
+    Returns
+    -------
+    context manager
+        Context.
+    """
+    steps = object()
+    with _lock:
+        _unlocked.add(steps)
+    try:
+        yield
+    finally:
+        with _lock:
+            _unlocked.remove(steps)
+            _remove_if_unused()
 
 
 @contextmanager
@@ -63,7 +91,7 @@ def control_callback(data: Any, loop: Callable[[Any, Any], None]) -> Iterator[No
         refuse_foreign_callback()
         if key in _loops:
             raise BadExperiment("this MjData already runs in a loop")
-        if not _loops:
+        if mujoco.get_mjcb_control() is None:
             mujoco.set_mjcb_control(_dispatch)
         _loops[key] = loop
     try:
@@ -71,5 +99,4 @@ def control_callback(data: Any, loop: Callable[[Any, Any], None]) -> Iterator[No
     finally:
         with _lock:
             del _loops[key]
-            if not _loops:
-                mujoco.set_mjcb_control(None)
+            _remove_if_unused()

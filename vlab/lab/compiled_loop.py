@@ -18,6 +18,7 @@ from vlab.compilation import compiled
 from vlab.controllers.linear import Matrices
 from vlab.hardware.output_chain import OutputChain
 from vlab.hardware.sensing import Sampling
+from vlab.lab.callback import callback_kept
 from vlab.plants.base import Plant
 from vlab.plants.compiled_steps import first_half, second_half
 from vlab.plants.linear import ExactMotion
@@ -116,7 +117,8 @@ class CompiledLoop(NamedTuple):
         every : tuple of int
             Steps per sample, and samples per stored configuration.
         """
-        _advance(*addresses, first, count, *every, self)
+        with callback_kept():
+            _advance(*addresses, first, count, *every, self)
 
 
 def system_of(matrices: Matrices, to: Array, chain: OutputChain, n_actuators: int) -> Array:
