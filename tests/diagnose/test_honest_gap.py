@@ -396,7 +396,7 @@ def test_a_calibrated_model_of_implausible_parameters_leaves_the_nominal_one():
     simulated = tuple(SimpleNamespace(name=name) for name in ("nominal", "calibrated", "extended"))
     run = Checked(
         name="run", role="holdout", nominal=0.2, before=0.011, after=0.012, noise=0.01, calibrated=0.011,
-        channels={"x": (0.2, 0.011, 0.012, 0.01)}, measured=SimpleNamespace(), simulated=simulated,
+        channels={"x": (0.2, 0.011, 0.012, 0.01)}, run=SimpleNamespace(), simulated=simulated,
     )  # fmt: skip
     refuted = run.against_nominal()
     assert refuted.gap_closed == pytest.approx(0.188 / 0.19)

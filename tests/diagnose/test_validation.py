@@ -103,7 +103,7 @@ def test_a_gain_counts_from_what_is_read_at_rest(tmp_path, monkeypatch):
 def checked(before, after, noise=0.01):
     one = Checked(
         name="run", role="holdout", nominal=before, before=before, after=after, noise=noise, channels={},
-        measured=None, simulated=(None, None, None),
+        run=None, simulated=(None, None, None),
     )  # fmt: skip
     return [one, dataclasses.replace(one, name="other")]
 

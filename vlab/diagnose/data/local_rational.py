@@ -26,52 +26,107 @@ from vlab.signals import Array
 
 
 def noise_lines(
-    residual: Array,
+    residuals: Array,
     linear: Sequence[Array],
-    nonlinear: Sequence[Array] = (),
+    nonlinear: Sequence[Sequence[Array]] = ((),),
     degree: int = RESIDUAL_NOISE.degree,
 ) -> Array | None:
-    """Return the noise power on every line of a residual.
+    """Return the noise power on every line of residuals.
 
     Parameters
     ----------
-    residual : (n,) array
-        Residual.
-    linear, nonlinear : sequence of (n // 2 + 1,) complex arrays
-        Explanatory spectra X and Z.
+    residuals : (n, n_residuals) array
+        Residuals under the same inputs.
+    linear : sequence of (n // 2 + 1,) complex arrays
+        Explanatory spectra X.
+    nonlinear : sequence of sequence of (n // 2 + 1,) complex arrays
+        Alternative sets of explanatory spectra Z, of equal number.
     degree : int
         Degree of the polynomials: resonances that one band may hold.
 
     Returns
     -------
-    (n // 2,) array or None
+    (n_alternatives, n // 2, n_residuals) array or None
         Squared modulus of the discrete Fourier transform, at most that of the residual. None for too few lines.
     """
-    R = spectrum(residual)[1:]
-    X, Z = [x[1:] for x in linear], [z[1:] for z in nonlinear]
-    unknowns = degree + (len(X) + 1) * (degree + 1) + len(Z)
+    R = spectrum(residuals)[1:]
+    X, alternatives = [x[1:] for x in linear], [[z[1:] for z in Z] for Z in nonlinear]
+    unknowns = degree + (len(X) + 1) * (degree + 1) + len(alternatives[0])
     count = len(R) // (RESIDUAL_NOISE.lines_per_unknown * unknowns)
     if count == 0:
         return None
-    noise = np.zeros(len(R))
+    noise = np.zeros((len(alternatives), *R.shape))
     for band in np.array_split(np.arange(len(R)), count):
         powers = np.vander(np.linspace(-1.0, 1.0, band.size), degree + 1, increasing=True)
-        columns = [-R[band, None] * powers[:, 1:], powers.astype(complex)]
-        columns += [x[band, None] * powers for x in X] + [z[band, None] for z in Z]
-        A = np.hstack(columns)
-        size = np.linalg.norm(A, axis=0)
-        A = A[:, size > 0] / size[size > 0]
-        Q, singular, Vh = np.linalg.svd(A, full_matrices=False)
-        rank = int(np.sum(singular > RESIDUAL_NOISE.rank * singular[0]))
-        Q = Q[:, :rank]
-        fit = Vh[:rank].conj().T @ ((Q.conj().T @ R[band]) / singular[:rank])
-        # leave-one-out residuals, (R - fit) / (1 - leverage); unbounded near a zero of D, so R is the upper bound
-        D = 1.0 + powers[:, 1:] @ (fit[:degree] / size[:degree]) if np.all(size[:degree] > 0) else np.ones(band.size)
-        V = np.abs((R[band] - A @ fit) / D) / np.maximum(
-            1.0 - np.sum(np.abs(Q) ** 2, axis=1), RESIDUAL_NOISE.least_freedom
-        )
-        noise[band] = np.minimum(V, np.abs(R[band])) ** 2
+        smooth = _orthonormal(np.hstack([powers.astype(complex), *(x[band, None] * powers for x in X)]))
+        for lines, Z in zip(noise, alternatives, strict=True):
+            Q = smooth
+            if Z:
+                Q = np.hstack([smooth, _orthonormal(np.column_stack([z[band] for z in Z]), smooth)])
+            lines[band] = _left_out(R[band], Q, powers[:, 1:]).T
     return noise
+
+
+def _orthonormal(columns: Array, beside: Array | None = None) -> Array:
+    """Return an orthonormal basis of columns, of their part orthogonal to another basis where one is given.
+
+    Parameters
+    ----------
+    columns : (n, k) complex array
+        Columns of any scale.
+    beside : (n, r) complex array or None
+        Orthonormal basis.
+
+    Returns
+    -------
+    (n, rank) complex array
+        Basis.
+    """
+    size = np.linalg.norm(columns, axis=0)
+    A = columns[:, size > 0] / size[size > 0]
+    if beside is not None:
+        A = A - beside @ (beside.conj().T @ A)
+    if not A.shape[1]:
+        return A
+    Q, singular, _ = np.linalg.svd(A, full_matrices=False)
+    largest = singular[0] if beside is None else max(float(singular[0]), 1.0)  # a column within the basis is rounding
+    return np.asarray(Q[:, singular > RESIDUAL_NOISE.rank * largest])
+
+
+def _left_out(R: Array, Q: Array, powers: Array) -> Array:
+    """Return the squared leave-one-out residuals of a band.
+
+    The residuals are (R - fit) / (1 - leverage) over D. They are unbounded near a zero of D, so R is the upper bound.
+
+    Parameters
+    ----------
+    R : (n, n_residuals) complex array
+        Spectra.
+    Q : (n, rank) complex array
+        Orthonormal basis of all regressors but those of D.
+    powers : (n, degree) array
+        Powers of the frequency in D.
+
+    Returns
+    -------
+    (n_residuals, n) array
+        Squares.
+    """
+    columns = -R.T[:, :, None] * powers  # (n_residuals, n, degree)
+    size = np.linalg.norm(columns, axis=1, keepdims=True)
+    scaled = columns / np.where(size > 0, size, 1.0)
+    outside, rest = scaled - Q @ (Q.conj().T @ scaled), R - Q @ (Q.conj().T @ R)
+    U, singular, Vh = np.linalg.svd(outside, full_matrices=False)
+    is_kept = singular > RESIDUAL_NOISE.rank
+    U = U * is_kept[:, None, :]
+    inverse = is_kept / np.where(is_kept, singular, 1.0)
+    along = np.einsum("ijk,ji->ik", U.conj(), rest)
+    fit = np.einsum("ikj,ik->ij", Vh.conj(), inverse * along) / np.where(size > 0, size, 1.0)[:, 0]
+    D = 1.0 + fit @ powers.T
+    leverage = np.sum(np.abs(Q) ** 2, axis=1) + np.sum(np.abs(U) ** 2, axis=2)
+    V = np.abs((rest.T - np.einsum("ijk,ik->ij", U, along)) / D)
+    V = V / np.maximum(1.0 - leverage, RESIDUAL_NOISE.least_freedom)
+    return np.asarray(np.minimum(V, np.abs(R.T)) ** 2)
 
 
 def nonlinear_spectra(values: Array, order: int, h: float) -> list[Array]:
@@ -104,5 +159,5 @@ def nonlinear_spectra(values: Array, order: int, h: float) -> list[Array]:
 
 
 def spectrum(x: Array) -> Array:
-    """Return the spectrum (n // 2 + 1,) without the mean."""
-    return np.asarray(np.fft.rfft(x - x.mean()))
+    """Return the spectrum (n // 2 + 1, ...) of signals (n, ...) without their mean."""
+    return np.asarray(np.fft.rfft(x - x.mean(axis=0), axis=0))

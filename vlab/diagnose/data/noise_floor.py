@@ -24,7 +24,7 @@ from typing import Literal
 import numpy as np
 from scipy import linalg, signal
 
-from vlab.diagnose.data.local_rational import noise_lines
+from vlab.diagnose.data.local_rational import noise_lines, spectrum
 from vlab.diagnose.settings import NOISE
 from vlab.signals import Array
 
@@ -161,9 +161,10 @@ def _is_answer(column: Array, inputs: Array | None, band: Array) -> bool:
 def _unexplained(column: Array, inputs: Array | None) -> float:
     """Return the unexplained density at the spectrum's top, or inf."""
     moving = [] if inputs is None else [x for x in inputs.T if np.ptp(x) > 0]
-    lines = noise_lines(column, [np.fft.rfft(x - x.mean()) for x in moving])
-    if lines is None:
+    found = noise_lines(column[:, None], [spectrum(x) for x in moving])
+    if found is None:
         return np.inf
+    lines = found[0, :, 0]
     high = lines[int(NOISE.noise_band * len(lines)) :]
     return 2.0 * float(np.median(high)) / (len(column) * np.log(2.0))  # a line's power is exponential
 

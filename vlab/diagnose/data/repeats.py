@@ -118,8 +118,9 @@ def _power(run: Run, channel: str, one: Recording, other: Recording) -> Array | 
     explained = [spectrum(x) for x in (*(0.5 * (u + w)).T, *(u - w).T) if np.ptp(x) > 0]
     apart = (y - z) / np.sqrt(2.0)
     settled = without_decays(apart)
-    left = [noise_lines(x, explained, degree=degree) for x in (apart, settled) for degree in NOISE.degrees]
-    power = min((2.0 * lines / n**2 for lines in left if lines is not None), key=np.sum, default=None)
+    both = np.column_stack([apart, settled])
+    left = [lines for degree in NOISE.degrees if (lines := noise_lines(both, explained, degree=degree)) is not None]
+    power = min((2.0 * x / n**2 for lines in left for x in lines[0].T), key=np.sum, default=None)
     return power if power is not None and np.sum(power) > NOISE.least_left * np.mean(settled**2) else None
 
 

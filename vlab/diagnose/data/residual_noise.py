@@ -15,61 +15,71 @@ from vlab.diagnose.settings import RESIDUAL_NOISE
 from vlab.signals import ORDER, Array
 
 
-def incoherent_rms(run: Run, channel: str, residual: Array, noise_free: Array | None = None) -> float:
-    """Estimate the rms of the noise in a residual.
+def incoherent_rms(run: Run, channels: Sequence[str], residuals: Array, noise_free: Array | None = None) -> Array:
+    """Estimate the rms of the noise in residuals.
 
     Parameters
     ----------
     run : Run
         Recording whose inputs and compared channels explain the coherent part.
-    channel : str
-        Channel of the residual.
-    residual : (n,) array
+    channels : sequence of str
+        Channels of the residuals.
+    residuals : (n, n_channels) array
         Recorded minus simulated values [SI].
-    noise_free : (n,) array, optional
-        Difference of two simulations of the channel [SI]. The share of it that the method cannot explain is the bias of
+    noise_free : (n, n_channels) array, optional
+        Difference of two simulations of the channels [SI]. The share of it that the method cannot explain is the bias of
         the method, such as of many inputs in a short recording.
 
     Returns
     -------
-    float
+    (n_channels,) array
         Rms [unit of the channel]. Zero for uneven times, too few samples, or noise above a tenth of the motion.
     """
-    if not run.measured.is_uniform or np.ptp(residual) == 0:
-        return 0.0
-    power = _unexplained(run, residual)
-    squares = 2.0 * float(np.sum(power)) + min(float(np.mean(residual)) ** 2, _of_mean(power))
-    squares = min(squares, float(np.mean(residual**2)))
-    if noise_free is not None:
-        squares = _without_bias(run, channel, squares, residual, noise_free)
-    rms = float(np.sqrt(squares))
-    return rms if RESIDUAL_NOISE.least_snr * rms <= float(np.std(run.measured[channel])) else 0.0
+    if not run.measured.is_uniform:
+        return np.zeros(len(channels))
+    signals = residuals if noise_free is None else np.hstack([residuals, noise_free])
+    powers = _unexplained(run, signals)
+    out = np.zeros(len(channels))
+    for i, channel in enumerate(channels):
+        residual, power = residuals[:, i], powers[:, i]
+        squares = 2.0 * float(np.sum(power)) + min(float(np.mean(residual)) ** 2, _of_mean(power))
+        squares = min(squares, float(np.mean(residual**2)))
+        if noise_free is not None:
+            missed = 2.0 * float(np.sum(powers[:, len(channels) + i]))
+            squares = _without_bias(run, channel, squares, residual, noise_free[:, i], missed)
+        rms = float(np.sqrt(squares))
+        if np.ptp(residual) > 0 and RESIDUAL_NOISE.least_snr * rms <= float(np.std(run.measured[channel])):
+            out[i] = rms
+    return out
 
 
-def _without_bias(run: Run, channel: str, squares: float, residual: Array, noise_free: Array) -> float:
+def _without_bias(run: Run, channel: str, squares: float, residual: Array, noise_free: Array, missed: float) -> float:
     """Return the noise power beside the coherent part that the method misses.
 
     Beside noise of power n, the method misses the share b of a coherent part of power m. The squares are then b m + n,
-    and the variance of the residual is m + n.
+    and the variance of the residual is m + n. The share is `missed` over the variance of the noise-free signal.
     """
     spread, variance = float(np.var(noise_free)), float(np.var(residual))
     if spread <= np.finfo(float).eps * float(np.var(run.measured[channel])):  # rounding
         return squares
-    b = min(2.0 * float(np.sum(_unexplained(run, noise_free))) / spread, 1.0)
-    missed = max(squares - b * variance, 0.0)
-    return min(missed / max(1.0 - b, np.finfo(float).eps), squares)
+    b = min(missed / spread, 1.0)
+    beside = max(squares - b * variance, 0.0)
+    return min(beside / max(1.0 - b, np.finfo(float).eps), squares)
 
 
-def _unexplained(run: Run, signal: Array) -> Array:
-    """Return the power on lines that inputs and motion do not explain.
+def _unexplained(run: Run, signals: Array) -> Array:
+    """Return the power (n_lines, n_signals) on lines that inputs and motion do not explain.
 
-    The result is empty for too few lines.
+    Of several motions, the one that explains a signal best counts. The result has no lines where there are too few.
     """
     inputs = [spectrum(run.measured[drive.channel]) for drive in run.drives]
     inputs = [x for x in inputs if np.any(x)]
     motions = [run.measured.index(c.channel) for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
-    lines = [noise_lines(signal, inputs, _nonlinear(run, column)) for column in motions]
-    return min((p for p in lines if p is not None), key=np.sum, default=np.zeros(0)) / len(signal) ** 2
+    lines = noise_lines(signals, inputs, [_nonlinear(run, column) for column in motions]) if motions else None
+    if lines is None:
+        return np.zeros((0, signals.shape[1]))
+    best = np.argmin(lines.sum(axis=1), axis=0)
+    return np.asarray(lines[best, :, np.arange(signals.shape[1])].T / len(signals) ** 2)
 
 
 def _of_mean(power: Array) -> float:
@@ -106,7 +116,7 @@ def noise_share(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Ar
     float or None
         Share from 0 to 1; None where the record has too few lines.
     """
-    noise = noise_lines(residual, linear, nonlinear)
+    noise = noise_lines(residual[:, None], linear, [nonlinear])
     total = float(np.sum(np.abs(spectrum(residual)) ** 2))
     return None if noise is None or total == 0 else float(np.sqrt(np.sum(noise) / total))
 

@@ -53,9 +53,6 @@ class Distance:
         Relative errors: nominal model, the better of nominal and calibrated, extended model, noise.
     channels : dict
         (nominal, before, after, noise) by channel, `before` of one model throughout.
-    incoherent : float
-        Relative rms of the residual of `before` that is coherent with neither inputs nor motion, at least the noise; 0
-        where unknown.
     calibrated : float
         Relative error of the calibrated model; NaN without one.
     bare : float
@@ -77,13 +74,17 @@ class Distance:
     after: float
     noise: float
     channels: dict[str, tuple[float, float, float, float]]
-    incoherent: float = 0.0
     calibrated: float = float("nan")
     bare: float = float("nan")
     parts: tuple[Part, ...] = ()
     horizon_s: float = float("inf")
     log_ratios: Array = field(default_factory=lambda: np.zeros(0))
     is_refuted: bool = False
+
+    @property
+    def incoherent(self) -> float:
+        """Relative rms of the residual of `before` that is coherent with neither inputs nor motion; 0 where unknown."""
+        return 0.0
 
     @property
     def is_spoilt(self) -> bool:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -181,14 +182,47 @@ class Checked(Distance):
 
     Parameters
     ----------
-    measured : Recording
+    run : Run
         Recording.
     simulated : tuple of Recording or None
         Nominal, calibrated and extended simulation.
     """
 
-    measured: Recording
+    run: Run
     simulated: tuple[Recording | None, Recording | None, Recording | None]
+
+    @property
+    def measured(self) -> Recording:
+        """Recorded channels."""
+        return self.run.measured
+
+    @cached_property
+    def incoherent(self) -> float:
+        """See `Distance`; at least the noise.
+
+        The difference of the nominal and the calibrated model is the noise-free signal that shows the bias of the
+        method.
+        """
+        if self.standing is None:
+            return self.noise
+        nominal, calibrated, _ = self.simulated
+        parts: dict[tuple[int, int], list[str]] = {}
+        for name in self.channels:  # spectra need neighbouring samples
+            part = longest_read(self.measured, name)
+            parts.setdefault((part.start, part.stop), []).append(name)
+        shares = []
+        for (start, stop), names in parts.items():
+            rows = slice(start, stop)
+            cut = replace(self.run, measured=self.measured.rows(rows), valid=None)
+            columns = [self.measured.index(name) for name in names]
+            left = (self.measured.data - self.standing.data)[rows, columns]
+            apart = None
+            if nominal is not None and calibrated is not None:
+                apart = (nominal.data - calibrated.data)[rows, columns]
+            scale = [np.std(self.measured[name][self.measured.is_read(name)]) for name in names]
+            noise = [self.channels[name][-1] for name in names]
+            shares.append(np.maximum(incoherent_rms(cut, names, left, apart) / scale, noise))
+        return _rms(np.concatenate(shares)) if shares else self.noise
 
     @property
     def standing(self) -> Recording | None:
@@ -405,13 +439,12 @@ def _checked(
         after=_rms(errors[2]),
         noise=_rms(noise),
         channels={n: tuple(float(x[i]) for x in (errors[0], stands, errors[2], noise)) for i, n in enumerate(names)},  # type: ignore[misc]
-        incoherent=_rms(np.maximum(noise, _incoherent(run, names, standing, recordings) / scale)),
         calibrated=left[1],
         bare=left[-1] if findings else float("nan"),
         parts=tuple(parts),
         horizon_s=horizon,
         log_ratios=_log_ratios(run, names, start, recordings[2], scale),
-        measured=run.measured,
+        run=run,
         simulated=(recordings[0], recordings[1], recordings[2]),
     )
 
@@ -427,24 +460,6 @@ def _log_ratios(
     read = np.column_stack([run.measured.is_read(name) for name in names])
     errors = [(((model.data - run.measured.data)[:, columns] * read)[kept]) / scale for model in (without, extended)]
     return block_log_ratios(errors[0], errors[1], VALIDATION.blocks)
-
-
-def _incoherent(
-    run: Run, names: Sequence[str], simulated: Recording | None, models: Sequence[Recording | None]
-) -> Array:
-    """Return the incoherent rms (n_names,) of a simulation's residual.
-
-    The difference of the nominal and the calibrated model is the noise-free signal that shows the bias of the method.
-    """
-    if simulated is None:
-        return np.zeros(len(names))
-    nominal, calibrated, out = models[0], models[1], []
-    for name in names:
-        part = longest_read(run.measured, name)  # spectra need neighbouring samples
-        cut = run if part == slice(0, len(run.measured)) else replace(run, measured=run.measured.rows(part), valid=None)
-        apart = None if nominal is None or calibrated is None else (nominal[name] - calibrated[name])[part]
-        out.append(incoherent_rms(cut, name, (run.measured[name] - simulated[name])[part], apart))
-    return np.array(out)
 
 
 def _rms(x: Array) -> float:
