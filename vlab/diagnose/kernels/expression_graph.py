@@ -100,7 +100,7 @@ def integrate_lanes(
     n_inputs, n_runs, size = inputs.shape[4], inputs.shape[3], state.shape[0]
     m, sees, n_laws = size // 2, seen.shape[0], len(ports)
     after, known, held = np.empty_like(seen), np.empty_like(seen), np.empty_like(state)
-    last, acting = np.zeros((n_laws, sees, lanes)), np.empty((n_inputs, lanes))
+    last, acting, drive = np.zeros((n_laws, sees, lanes)), np.empty((n_inputs, lanes)), np.empty_like(state)
     for k in range(n):
         for sub in range(substeps):
             if sub < inputs.shape[1]:
@@ -108,6 +108,11 @@ def integrate_lanes(
                     of = min(e // n_runs, inputs.shape[2] - 1)
                     for i in range(n_inputs):
                         acting[i, e] = inputs[k, sub, of, e % n_runs, i]
+                drive[:] = 0.0
+                for i in range(n_inputs):
+                    for j in range(size):
+                        for e in range(lanes):
+                            drive[j, e] += acting[i, e] * into[i, j, e]
             if sub == 0:
                 for c in range(channels):
                     for e in range(lanes):
@@ -133,12 +138,9 @@ def integrate_lanes(
                         x = state[j, e]
                         state[j, e] = x * turn[0, j, e] - state[m + j, e] * turn[1, j, e]
                         state[m + j, e] = x * turn[1, j, e] + state[m + j, e] * turn[0, j, e]
-            for i in range(n_inputs):
-                for j in range(size):
-                    for e in range(lanes):
-                        state[j, e] += acting[i, e] * into[i, j, e]
-            if n_laws == 0:
-                continue
+            for j in range(size):
+                for e in range(lanes):
+                    state[j, e] += drive[j, e]
             for i in range(sees):
                 for e in range(lanes):
                     after[i, e] = 0.0
@@ -181,7 +183,7 @@ def integrate_lanes(
             for i in range(sees):
                 for e in range(lanes):
                     seen[i, e] = after[i, e]
-        if n_laws > 0 and k % CHECKED == 0 and not np.abs(state).max() < RUNAWAY:
+        if k % CHECKED == 0 and not np.abs(state).max() < RUNAWAY:
             for j in range(size):
                 for e in range(lanes):
                     x = state[j, e]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vlab.diagnose.kernels.expression_graph import integrate_lanes
+from vlab.diagnose.kernels.linear_system import integrate_linear
 from vlab.diagnose.settings import MODAL_INTEGRATION
 from vlab.physics.compiled_expression import AT_MOBILITY, loaded
 from vlab.physics.expression import ExpressionGraph
@@ -34,6 +35,16 @@ class Modes:
     dense: Array
     into: Array
     back: Array
+
+    def states_into(self, rows: Array) -> Array:
+        """Return rows (n_sets, n, width) of states as real and imaginary parts (n_sets, n, 2m) along the modes."""
+        there = rows @ self.into
+        return np.ascontiguousarray(np.concatenate([there.real, there.imag], axis=-1))
+
+    def rows_from(self, columns: Array) -> Array:
+        """Return output columns (n_sets, width, p) as columns (n_sets, 2m, p) of real and imaginary parts."""
+        there = self.back @ columns
+        return np.ascontiguousarray(np.concatenate([there.real, -there.imag], axis=1))
 
 
 def modes_of(step: Array) -> Modes:
@@ -157,22 +168,24 @@ def integrate_modes(
         Channels.
     """
     n_sets, n_runs, n, p = *starts.shape[:2], len(part), system.channels.shape[2]
-    modes = modes_of(system.step)
-
-    def to_unbounded(rows: Array) -> Array:
-        there = rows @ modes.into
-        return np.ascontiguousarray(np.concatenate([there.real, there.imag], axis=-1))
-
-    def from_unbounded(columns: Array) -> Array:
-        there = np.swapaxes(modes.back @ columns, 1, 2)
-        return np.ascontiguousarray(np.concatenate([there.real, -there.imag], axis=-1))
-
-    inputs = part[:, None]
+    modes, inputs = modes_of(system.step), part[:, None]
     if given.shape[-1]:
         inputs = np.concatenate([np.broadcast_to(inputs, (*given.shape[:-1], inputs.shape[-1])), given], axis=-1)
-    push, direct = np.zeros((n_sets, 0, system.step.shape[1])), np.zeros((n_sets, 0, p))
-    if laws:
-        push, direct = np.stack([law.push for law in laws], axis=1), np.stack([law.direct for law in laws], axis=1)
+    if not laws:
+        y = np.empty((n_sets, n_runs, n, p))
+        integrate_linear(
+            np.ascontiguousarray(np.moveaxis(modes.turn, 1, 0)),
+            modes.dense if modes.dense.size else np.zeros((0, 0, 0)),
+            modes.states_into(system.into),
+            modes.rows_from(system.channels),
+            np.ascontiguousarray(system.direct),
+            np.ascontiguousarray(inputs.transpose(2, 3, 0, 1, 4)),
+            modes.states_into(starts),
+            given.shape[1],
+            y,
+        )
+        return y.transpose(2, 0, 1, 3)
+    push, direct = np.stack([law.push for law in laws], axis=1), np.stack([law.direct for law in laws], axis=1)
     felt = push @ system.seen
     graphs, registers = loaded(
         [law.graph for law in laws], [law.values for law in laws], [law.memory for law in laws], (n_sets, n_runs)
@@ -188,11 +201,10 @@ def integrate_modes(
         """Return states (n_sets, n_runs, width) with the lanes on the last axis."""
         return np.ascontiguousarray(x.reshape(n_sets * n_runs, -1).T)
 
-    observed_rows = from_unbounded(np.broadcast_to(system.seen, (n_sets, *system.seen.shape)))
     acting = (
         np.array([law.port for law in laws], dtype=np.int64),
         np.array([-1 if law.coil is None else law.coil for law in laws], dtype=np.int64),
-        lanes(to_unbounded(push)),
+        lanes(modes.states_into(push)),
         lanes(felt),
         lanes(direct),
         np.array([law.graph.force for law in laws], dtype=np.int64),
@@ -201,12 +213,12 @@ def integrate_modes(
     integrate_lanes(
         lanes(np.moveaxis(modes.turn, 1, 0)),
         lanes(modes.dense) if modes.dense.size else np.zeros((0, 0, n_sets * n_runs)),
-        lanes(to_unbounded(system.into)),
-        lanes(from_unbounded(system.channels)),
+        lanes(modes.states_into(system.into)),
+        lanes(np.swapaxes(modes.rows_from(system.channels), 1, 2)),
         lanes(system.direct),
         np.ascontiguousarray(inputs),
-        runs(to_unbounded(starts)),
-        lanes(observed_rows),
+        runs(modes.states_into(starts)),
+        lanes(np.swapaxes(modes.rows_from(np.broadcast_to(system.seen, (n_sets, *system.seen.shape))), 1, 2)),
         runs(starts @ system.seen),
         (given.shape[1], h, np.ascontiguousarray(late, dtype=float)),
         acting,

@@ -185,15 +185,15 @@ class Confirmation:
         return found if any(h.score >= own.score for h in worse) else _instead(found, own, worse)
 
     def _with_fewer(self, found: TimeFound, confirmed: Confirmed) -> Confirmed:
-        """Return the confirmation with one of two effects.
+        """Return the confirmation with one effect instead of several.
 
-        One effect suffices where MuJoCo's error is no worse: the second then compensates the reduced model's error.
+        One effect suffices where MuJoCo's error is no worse: the others then compensate the reduced model's error. The
+        one effect is the most probable alone, which need not be among the several.
         """
         both = confirmed.choice.best
         if len(both.terms) < 2:
             return confirmed
-        parts = {t.label for t in both.terms}
-        alone = replace(found, hypotheses=tuple(h for h in found.hypotheses if h.label in parts))
+        alone = replace(found, hypotheses=tuple(h for h in found.hypotheses if len(h.terms) == 1))
         single = choose_model(alone).best
         if not single.terms:
             return confirmed
