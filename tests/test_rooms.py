@@ -10,6 +10,7 @@ ROOMS = [
     "vlab.interrupts",
     "vlab.units",
     "vlab.compilation",
+    "vlab.parallel",
     "vlab.files",
     "vlab.signals",
     "vlab.structure",

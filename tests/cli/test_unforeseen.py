@@ -11,7 +11,7 @@ import pytest
 from command import run
 
 import vlab.cli.effects as verb
-from vlab.diagnose.kernels.parallel import side_by_side
+from vlab.parallel import side_by_side
 
 COMMAND = [sys.executable, "-m", "vlab"]
 
@@ -49,7 +49,7 @@ def test_where_it_happened_is_the_innermost_line_of_vlab_also_in_a_worker(capsys
     monkeypatch.setattr(verb, "run", in_a_worker)
     status, _, err = run(capsys, "effects")
     assert status == 3
-    assert "ZeroDivisionError at vlab.diagnose.kernels.parallel:" in err
+    assert "ZeroDivisionError at vlab.parallel:" in err
     assert err.count("\n") == 1
 
 

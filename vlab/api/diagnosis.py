@@ -11,12 +11,12 @@ from vlab.cases.case import Case, load_case
 from vlab.controllers.user_law import code_of
 from vlab.diagnose.diagnosis import Finding, RejectedCase, Verdict
 from vlab.diagnose.export import Done, native_model
-from vlab.diagnose.kernels.parallel import limited_to
 from vlab.diagnose.parameters.locations import is_named
 from vlab.diagnose.pipeline import diagnose as run_pipeline
 from vlab.errors import BadExperiment, OutputRefused, unknown_name
 from vlab.files.output_folder import finite, output_folder, write_manifest
 from vlab.files.text import in_line
+from vlab.parallel import limited_to
 from vlab.physics.catalogue import CANDIDATES, EFFECTS, effect_named
 from vlab.physics.effect import Effect
 from vlab.plants.base import Plant

@@ -10,6 +10,7 @@ from vlab.cases.checks.bands import Bands, bands
 from vlab.cases.clock import plan_clock
 from vlab.cases.simulate import simulate
 from vlab.errors import BadCase, Diverged
+from vlab.parallel import side_by_side
 from vlab.plants.base import Plant
 from vlab.signals import Recording
 
@@ -69,7 +70,7 @@ def beside(plant: Plant, runs: Sequence[Run], simulated: Sequence[Recording | No
         Runs, simulations and bands.
     """
     known = (
-        [_simulated(plant, run) for run in runs]
+        side_by_side(lambda run: _simulated(plant, run), runs)
         if simulated is None
         else [_as_far(*pair) for pair in zip(simulated, runs, strict=True)]
     )

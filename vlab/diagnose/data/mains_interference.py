@@ -19,6 +19,7 @@ from scipy import signal
 from vlab.cases.channel_map import Run, compared_names
 from vlab.diagnose.data.quality import marked
 from vlab.diagnose.settings import INTERFERENCE
+from vlab.parallel import side_by_side
 from vlab.signals import Array, Recording, sample_period
 
 BLACKMAN_HARRIS = np.array([0.35875, -0.48829, 0.14128, -0.01168])
@@ -143,23 +144,25 @@ def find_mains_interference(runs: Sequence[Run]) -> tuple[MainsInterference, ...
     tuple of MainsInterference
         Lines found in more than half of the recordings.
     """
-    out = []
-    for channel in compared_names(runs):
-        options = []
-        for nominal in INTERFERENCE.mains_hz:
-            lines = {
-                k: [f for run in runs if (f := _line(run, channel, k * nominal)) is not None]
-                for k in INTERFERENCE.harmonics
-            }
-            found = {k: at for k, at in lines.items() if len(at) > 0.5 * len(runs)}
-            if found:
-                frequency = float(np.median(np.concatenate([np.array(at) / k for k, at in found.items()])))
-                options.append(
-                    _sized(MainsInterference(channel=channel, frequency=frequency, harmonics=tuple(found)), runs)
-                )
-        if options:
-            out.append(max(options, key=lambda interference: interference.rms))
-    return tuple(out)
+    found = side_by_side(lambda channel: _interference(runs, channel), compared_names(runs))
+    return tuple(interference for interference in found if interference is not None)
+
+
+def _interference(runs: Sequence[Run], channel: str) -> MainsInterference | None:
+    """Return the loudest interference on a channel, or None."""
+    options = []
+    for nominal in INTERFERENCE.mains_hz:
+        lines = {
+            k: [f for run in runs if (f := _line(run, channel, k * nominal)) is not None]
+            for k in INTERFERENCE.harmonics
+        }
+        found = {k: at for k, at in lines.items() if len(at) > 0.5 * len(runs)}
+        if found:
+            frequency = float(np.median(np.concatenate([np.array(at) / k for k, at in found.items()])))
+            options.append(
+                _sized(MainsInterference(channel=channel, frequency=frequency, harmonics=tuple(found)), runs)
+            )
+    return max(options, key=lambda interference: interference.rms, default=None)
 
 
 def remove_mains_interference(run: Run, interferences: Sequence[MainsInterference]) -> Run:

@@ -7,9 +7,9 @@ import numpy as np
 
 from vlab.diagnose.inference.evidence import Hypothesis, scored
 from vlab.diagnose.inference.least_squares import LeastSquares
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term, is_meant, of_element
 from vlab.diagnose.settings import FIT, HYPOTHESIS_FITS
+from vlab.parallel import side_by_side
 from vlab.signals import Array
 
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
+from scipy.linalg import blas
 
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.parameter_vector import ParameterVector, is_logarithm
@@ -146,8 +147,13 @@ def with_scale(vector: ParameterVector, x: Array, slopes: Array, scale: Array) -
 
 
 def update_broyden(slopes: Array, step: Array, change: Array) -> Array:
-    """Return a Jacobian that matches a step's change (Broyden 1965, eq. 4.5)."""
-    return np.asarray(slopes + np.outer(change - slopes @ step, step / max(float(step @ step), 1e-300)))
+    """Return a Jacobian that matches a step's change (Broyden 1965, eq. 4.5).
+
+    The update of rank one overwrites a Jacobian in column order, without a copy.
+    """
+    missed = change - slopes @ step
+    scaled = step / max(float(step @ step), 1e-300)
+    return np.asarray(blas.dger(1.0, missed, scaled, a=slopes, overwrite_a=1))
 
 
 def by_period(runs: Sequence[Signals]) -> list[int]:

@@ -38,7 +38,6 @@ from vlab.diagnose.inference.residual_tones import (
 )
 from vlab.diagnose.inference.screening_cache import ScreeningCache
 from vlab.diagnose.inference.trial_shapes import Shape, TrialShapes
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.locations import Place, admissible, at_place
 from vlab.diagnose.parameters.terms import Candidate
 from vlab.diagnose.predictors.filtered_runs import filter_runs
@@ -47,6 +46,7 @@ from vlab.diagnose.predictors.kalman import stack_runs
 from vlab.diagnose.predictors.unit_causes import subtract_own_innovations, unit_causes
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import SCORE_TEST
+from vlab.parallel import side_by_side
 from vlab.physics.effect import Effect, PickUp
 from vlab.signals import Array
 

@@ -9,10 +9,10 @@ from vlab.cases.initial_state import InitialState
 from vlab.cases.simulate import simulate
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.settings import FIT, SIMULATOR_FIT
 from vlab.errors import VlabError
+from vlab.parallel import side_by_side
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
 from vlab.signals import Array

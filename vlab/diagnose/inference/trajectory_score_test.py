@@ -14,7 +14,6 @@ import numpy as np
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.inference.screening_cache import ScreeningCache
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import Uncertain
 from vlab.diagnose.parameters.reduced_model import Discrete
@@ -44,6 +43,7 @@ from vlab.diagnose.predictors.trajectory_problem import Trajectories
 from vlab.diagnose.predictors.unit_effects import commands_changed, fast_series, forces_on_trajectory, unit_amplitudes
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import KERNELS, TRAJECTORY_SCORE_TEST
+from vlab.parallel import side_by_side
 from vlab.physics.attach import port_at
 from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PortEffect, SensorEffect
 from vlab.plants.base import Plant

@@ -1,1 +1,1 @@
-"""Compiled loops over samples, and parallel work."""
+"""Compiled loops over samples."""

@@ -7,6 +7,7 @@ dynamics gives the generalised forces. Their difference from the linear model is
 
 import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import mujoco
@@ -18,6 +19,7 @@ from vlab.diagnose.parameters.reduced_model import discretise
 from vlab.diagnose.predictors.kalman import smoothed_states
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import OWN_NONLINEARITY
+from vlab.parallel import side_by_side
 from vlab.plants.base import Plant
 from vlab.signals import Array
 
@@ -49,14 +51,9 @@ def with_own_nonlinearity(problem: Problem) -> Problem:
     for h in sorted({run.h for run in signals}):
         index = [i for i, run in enumerate(signals) if run.h == h]
         states, intensity[h] = smoothed_states(reduced_model, [signals[i] for i in index])
-        for i, x in zip(index, states, strict=True):
-            q, v = x[:, : reduced_model.m], x[:, reduced_model.m :]
-            motion = ModalMotion(q, v, np.gradient(v, h, axis=0))
-            slaves = np.zeros((len(x), own.slaves.shape[1]))
-            for _ in range(OWN_NONLINEARITY.passes):
-                extra = own.extra(motion, slaves, h)
-                slaves = own.followed(extra[:, reduced_model.m :], h)
-            signals[i] = replace(signals[i], load=np.hstack([signals[i].load, -_held(extra[:, : reduced_model.m])]))
+        loads = side_by_side(partial(_loads, own, h), states)
+        for i, load in zip(index, loads, strict=True):
+            signals[i] = replace(signals[i], load=np.hstack([signals[i].load, load]))
     return replace(
         problem,
         reduced_model=replace(reduced_model, loads=np.hstack([reduced_model.loads, np.eye(reduced_model.m)])),
@@ -64,6 +61,17 @@ def with_own_nonlinearity(problem: Problem) -> Problem:
         intensity=intensity,
         bare=problem,
     )
+
+
+def _loads(own: "Inverse", h: float, states: Array) -> Array:
+    """Return the nonlinear modal loads (n, m) along smoothed states (n, 2m)."""
+    m = own.shapes.shape[1]
+    v = states[:, m:]
+    motion, slaves = ModalMotion(states[:, :m], v, np.gradient(v, h, axis=0)), np.zeros((len(v), own.slaves.shape[1]))
+    for _ in range(OWN_NONLINEARITY.passes):
+        extra = own.extra(motion, slaves, h)
+        slaves = own.followed(extra[:, m:], h)
+    return -_held(extra[:, :m])
 
 
 class Inverse:

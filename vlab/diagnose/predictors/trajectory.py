@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.predictors.step_jacobian import Stepper
 from vlab.diagnose.predictors.trajectory_data import Motion, TrajectoryData, sampled
 from vlab.diagnose.settings import TRAJECTORY
+from vlab.parallel import side_by_side
 from vlab.signals import Array
 
 

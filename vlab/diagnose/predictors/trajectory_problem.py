@@ -11,7 +11,6 @@ from vlab.cases.channel_map import Compared
 from vlab.cases.replay_bench import Bench
 from vlab.diagnose.data.mains_interference import MainsInterference, find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.runs import Signals, thinning
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.centre_of_mass import centres_of_mass
 from vlab.diagnose.parameters.locations import places_of
 from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, of_kind, uncertain_parameters
@@ -23,6 +22,7 @@ from vlab.diagnose.predictors.trajectory_data import Motion, TrajectoryData, fir
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import LOCATIONS, TRAJECTORY_DATA, TRAJECTORY_PRIORS
 from vlab.errors import BadStructure
+from vlab.parallel import side_by_side
 from vlab.plants.base import Plant
 from vlab.signals import Array
 

@@ -9,7 +9,6 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.model_choice import choose_model
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised
@@ -22,6 +21,7 @@ from vlab.diagnose.search.sampling_convention import (
 )
 from vlab.diagnose.search.selection import TimeFound
 from vlab.diagnose.settings import ALTERNATIVE_CONVENTIONS, HYPOTHESIS_FITS, SAMPLING_CONVENTION
+from vlab.parallel import side_by_side
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,12 +17,12 @@ from vlab.diagnose.data.quality import is_informative
 from vlab.diagnose.inference.jacobian import update_broyden
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.parameter_vector import from_unbounded, is_logarithm, to_unbounded
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import EVIDENCE, FINAL_FIT
 from vlab.diagnose.validation.simulation import extended
 from vlab.errors import VlabError
+from vlab.parallel import side_by_side
 from vlab.signals import Array, Recording
 
 

@@ -19,12 +19,12 @@ from vlab.diagnose.inference.evidence import Hypothesis, cost_of_parameters
 from vlab.diagnose.inference.hypothesis_fits import by_score, fitted, scored_by, terms_of, with_whole_runs
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.model_choice import gain_beyond
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term
 from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
 from vlab.diagnose.search.profile_screening import profile
 from vlab.diagnose.search.shortlist import plain_form
 from vlab.diagnose.settings import FIT, FORWARD_SELECTION, HYPOTHESIS_FITS, MJCF_PRIORS, SHORTLIST
+from vlab.parallel import side_by_side
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

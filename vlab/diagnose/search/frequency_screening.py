@@ -11,7 +11,6 @@ import numpy as np
 
 from vlab.diagnose.data.responses import Modes, Response
 from vlab.diagnose.inference.frequency_least_squares import Fitter, Point
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.frequency import (
@@ -33,6 +32,7 @@ from vlab.diagnose.predictors.level_response import Element, source_gain
 from vlab.diagnose.search.level_trials import LevelMotion, Levels, level_trials
 from vlab.diagnose.search.trial_values import trials
 from vlab.diagnose.settings import FREQUENCY_SCREENING
+from vlab.parallel import side_by_side
 from vlab.physics.effect import Effect
 from vlab.physics.small_signal import is_linear
 from vlab.signals import Array, ComplexArray

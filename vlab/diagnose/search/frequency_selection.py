@@ -9,7 +9,6 @@ from vlab.diagnose.data.amplitude_dependence import Trend
 from vlab.diagnose.data.responses import Response
 from vlab.diagnose.inference.evidence import Found, Hypothesis, scored
 from vlab.diagnose.inference.frequency_least_squares import Fitter, Point
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
@@ -17,6 +16,7 @@ from vlab.diagnose.search.frequency_screening import ScoreTest, Trial, screened
 from vlab.diagnose.search.level_trials import Levels, calibrate_levels, has_levels
 from vlab.diagnose.search.trial_values import candidates
 from vlab.diagnose.settings import FREQUENCY_SELECTION, HYPOTHESIS_FITS
+from vlab.parallel import side_by_side
 from vlab.physics.effect import Effect
 from vlab.physics.small_signal import is_linear
 from vlab.signals import Array

@@ -10,7 +10,6 @@ from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.mesh_correction import with_soft_cables
 from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.predictors.scope import check_contacts, check_scope, linear_problem
@@ -21,6 +20,7 @@ from vlab.diagnose.search.sampling_convention import score_by_timing
 from vlab.diagnose.search.selection import TimeFound, search
 from vlab.diagnose.search.trajectory_selection import search_moving
 from vlab.diagnose.settings import HYPOTHESIS_FITS, MODEL_CLASS
+from vlab.parallel import side_by_side
 from vlab.physics.catalogue import CANDIDATES
 from vlab.physics.effect import Effect
 from vlab.signals import Array

@@ -9,9 +9,9 @@ from dataclasses import replace
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.hypothesis_fits import scored_by
 from vlab.diagnose.inference.least_squares import LeastSquares
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term
 from vlab.diagnose.settings import PERMANENT_CHANGE
+from vlab.parallel import side_by_side
 
 
 def find_permanent_changes(

@@ -19,9 +19,9 @@ import numpy as np
 from vlab.diagnose.inference.jacobian import forward_differences
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.parameter_vector import ParameterVector
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate, Fit
 from vlab.diagnose.settings import PROFILE_SCREENING
+from vlab.parallel import side_by_side
 from vlab.signals import Array
 
 Values = dict[str, float]

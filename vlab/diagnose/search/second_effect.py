@@ -15,7 +15,6 @@ from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.hypothesis_fits import fitted, pairs_fitted, terms_of
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.score_test import ScoreTest
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.mjcf import prior_deviations
 from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term
@@ -24,6 +23,7 @@ from vlab.diagnose.predictors.unit_effects import port_series
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.shortlist import completing, plain_form, same_site_alternatives
 from vlab.diagnose.settings import FIT, SCORE_TEST, SECOND_EFFECT, SHORTLIST
+from vlab.parallel import side_by_side
 from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PickUp, PortEffect, SensorEffect
 from vlab.signals import Array
 

@@ -20,7 +20,6 @@ from vlab.diagnose.inference.hypothesis_fits import (
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.inference.window_least_squares import WindowLeastSquares
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Candidate
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
@@ -35,6 +34,7 @@ from vlab.diagnose.search.second_effect import (
 )
 from vlab.diagnose.search.shortlist import best_of_effects, best_places, related_candidates, shortlisted
 from vlab.diagnose.settings import FIT, HYPOTHESIS_FITS, SCORE_TEST, SECOND_EFFECT, SELECTION
+from vlab.parallel import side_by_side
 from vlab.physics.effect import Effect
 
 

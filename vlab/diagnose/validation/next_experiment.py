@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vlab.cases.channel_map import Run
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.settings import VALIDATION
 from vlab.diagnose.validation.simulation import Checked, ExtendedModel
 from vlab.errors import BadCase, Diverged
+from vlab.parallel import side_by_side
 from vlab.signals import Array
 
 POSITIONS = ("angle", "displacement")

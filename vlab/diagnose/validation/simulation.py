@@ -16,13 +16,13 @@ from vlab.diagnose.data.noise import estimate_noise
 from vlab.diagnose.data.quality import SensorLimit
 from vlab.diagnose.data.quantisation import SensorStep
 from vlab.diagnose.data.residual_noise import incoherent_rms
-from vlab.diagnose.kernels.parallel import side_by_side
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import VALIDATION
 from vlab.diagnose.validation.gap import Distance, block_log_ratios, part_of
 from vlab.diagnose.validation.horizon import can_be_halved, is_predicted, length_of_parts, parts_of, parts_within
 from vlab.errors import BadCase, Diverged
+from vlab.parallel import side_by_side
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
 from vlab.recordings.quality import held_samples
