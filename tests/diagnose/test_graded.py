@@ -16,6 +16,7 @@ from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Candidate, Term
 from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.search.forward_selection import further_effects, in_all_joints, laws_in_all_joints
+from vlab.diagnose.search.shortlist import rivals_of
 from vlab.diagnose.validation.gap import block_log_ratios, explained_share, predicts_better
 from vlab.diagnose.validation.horizon import is_predicted, parts_of
 from vlab.diagnose.validation.simulation import ExtendedModel, check
@@ -138,6 +139,22 @@ def test_the_same_law_may_join_at_another_place_and_one_friction_has_one_law():
     ]
     labels = [c.label for c in further_effects(best, table)]
     assert labels == ["coulomb-friction@joint:b", "quadratic-drag@joint:a"]
+
+
+def test_an_effect_that_gains_as_much_elsewhere_is_a_rival():
+    # an offset of the command is a constant force where the actuator acts
+    offset = candidate("actuator-offset", "actuator:shaker", 90.0)
+    table = [
+        offset,
+        candidate("force-offset", "joint:payload", 89.0),
+        candidate("force-offset", "joint:other", 80.0),
+        candidate("cubic-stiffness", "joint:payload", 60.0),
+    ]
+    assert [c.label for c in rivals_of(offset, table)] == ["force-offset@joint:payload"]
+    labels = [c.label for c in further_effects(hypothesis("actuator-lag"), table)]
+    assert labels == ["actuator-offset@actuator:shaker", "cubic-stiffness@joint:payload", "force-offset@joint:payload"]
+    far = [offset, candidate("force-offset", "joint:payload", 80.0)]
+    assert rivals_of(offset, far) == []
 
 
 def test_a_law_in_all_joints_is_a_start_with_its_forms_that_gain_as_much():

@@ -12,7 +12,7 @@ from vlab.cases.simulate import simulate
 from vlab.errors import BadCase, Diverged
 from vlab.parallel import side_by_side
 from vlab.plants.base import Plant
-from vlab.signals import Recording
+from vlab.signals import Array, Recording
 
 FEWEST = 3
 """FEWEST [1]: fewest bands from which a channel is assessed. At a single resonance any phase and size may be the
@@ -69,11 +69,11 @@ def beside(plant: Plant, runs: Sequence[Run], simulated: Sequence[Recording | No
     Beside
         Runs, simulations and bands.
     """
-    known = (
-        side_by_side(lambda run: _simulated(plant, run), runs)
-        if simulated is None
-        else [_as_far(*pair) for pair in zip(simulated, runs, strict=True)]
-    )
+    if simulated is None:
+        data = side_by_side(lambda run: _simulated(plant, run), runs)
+        known = [None if own is None else replace(run.measured, data=own) for own, run in zip(data, runs, strict=True)]
+    else:
+        known = [_as_far(*pair) for pair in zip(simulated, runs, strict=True)]
     channels: dict[str, list[Bands]] = {}
     for run, own in zip(runs, known, strict=True):
         for name in (c.channel for c in run.compared if c.actuator is None):
@@ -117,9 +117,10 @@ def _as_far(simulated: Recording | None, run: Run) -> Recording | None:
     return None if simulated is None else simulated.rows(slice(n))
 
 
-def _simulated(plant: Plant, run: Run) -> Recording | None:
+def _simulated(plant: Plant, run: Run) -> Array | None:
+    """Return the simulated channels; None if the model diverges or has no initial state."""
     try:
         with np.errstate(all="ignore"):
-            return simulate(plant, run).recording
+            return simulate(plant, run).recording.data
     except (Diverged, BadCase):
         return None

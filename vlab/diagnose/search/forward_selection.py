@@ -22,8 +22,8 @@ from vlab.diagnose.inference.model_choice import gain_beyond
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term
 from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
 from vlab.diagnose.search.profile_screening import profile
-from vlab.diagnose.search.shortlist import plain_form
-from vlab.diagnose.settings import FIT, FORWARD_SELECTION, HYPOTHESIS_FITS, MJCF_PRIORS, SHORTLIST
+from vlab.diagnose.search.shortlist import plain_form, rivals_of
+from vlab.diagnose.settings import FIT, FORWARD_SELECTION, HYPOTHESIS_FITS, MJCF_PRIORS, MODEL_CHOICE, SHORTLIST
 from vlab.parallel import side_by_side
 
 
@@ -215,8 +215,8 @@ def _gain_of_law(law: Sequence[Candidate]) -> float:
 def further_effects(best: Hypothesis, table: Sequence[Candidate]) -> list[Candidate]:
     """Return the candidates that join a hypothesis.
 
-    They are the best of every family, and the hypothesis' own effects at their best other location. Two slip laws at one
-    location are one friction.
+    They are the best of every family, the hypothesis' own effects at their best other location, and effects that gain as
+    much as the best one. Two slip laws at one location are one friction.
 
     Parameters
     ----------
@@ -232,17 +232,24 @@ def further_effects(best: Hypothesis, table: Sequence[Candidate]) -> list[Candid
     """
     places = {term.place.name for term in best.terms if term.effect.traits.is_slip}
     taken = {(term.effect.physics, term.place.name) for term in best.terms}
-    chosen: dict[str, Candidate] = {}
     own = {term.effect.physics for term in best.terms}
-    for candidate in table:
-        is_known = (candidate.effect.physics, candidate.place.name) in taken
-        is_same_slip = candidate.effect.traits.is_slip and candidate.place.name in places
-        if is_known or is_same_slip or candidate.log_likelihood_gain <= SHORTLIST.least_gain:
-            continue
+    eligible = [
+        c
+        for c in table
+        if (c.effect.physics, c.place.name) not in taken
+        and not (c.effect.traits.is_slip and c.place.name in places)
+        and c.log_likelihood_gain > SHORTLIST.least_gain
+    ]
+    chosen: dict[str, Candidate] = {}
+    for candidate in eligible:
         key = candidate.effect.physics if candidate.effect.physics in own else f"family:{candidate.effect.family}"
         chosen.setdefault(key, candidate)
         plain = plain_form(candidate, table)
         if plain is not candidate:
             chosen.setdefault(f"plain:{plain.label}", plain)
-    order = sorted(chosen.values(), key=lambda c: -c.log_likelihood_gain)
-    return order[: FORWARD_SELECTION.fitted]
+    order = sorted(chosen.values(), key=lambda c: -c.log_likelihood_gain)[: FORWARD_SELECTION.fitted]
+    if not order:
+        return []
+    least, labels = order[0].log_likelihood_gain - MODEL_CHOICE.alike, {c.label for c in order}
+    equal = [c for c in rivals_of(order[0], eligible) if c.log_likelihood_gain >= least and c.label not in labels]
+    return [*order, *equal]

@@ -21,7 +21,7 @@ from vlab.diagnose.parameters.terms import Candidate, Fit, Term
 from vlab.diagnose.predictors.innovations import Group
 from vlab.diagnose.predictors.unit_effects import port_series
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.search.shortlist import completing, plain_form, same_site_alternatives
+from vlab.diagnose.search.shortlist import completing, plain_form, rivals_of
 from vlab.diagnose.settings import FIT, SCORE_TEST, SECOND_EFFECT, SHORTLIST
 from vlab.parallel import side_by_side
 from vlab.physics.effect import ActuatorEffect, Effect, LinearPortEffect, PickUp, PortEffect, SensorEffect
@@ -140,7 +140,7 @@ def pairs(
     chosen, (seed, second) = min(zip(fits, tried, strict=True), key=lambda item: item[0].normalised_residual)
     rows = [c for owner, table in zip(owners, tables, strict=True) if owner is seed for c in table]
     known = set(list(found)[: SECOND_EFFECT.most_pairs])
-    alternatives = [c for c in same_site_alternatives(rows, second) if c.effect.name not in chosen.label]
+    alternatives = [c for c in rivals_of(second, rows) if c.effect.name not in chosen.label]
     return fits + pairs_fitted(
         refiner, [(seed, c) for c in alternatives if frozenset((seed.label, c.label)) not in known]
     )

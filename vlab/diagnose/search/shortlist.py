@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.parameters.terms import Candidate, Term
-from vlab.diagnose.settings import SHORTLIST
+from vlab.diagnose.settings import MODEL_CHOICE, SHORTLIST
 
 
 def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -101,12 +101,33 @@ def related_candidates(candidates: Sequence[Candidate], fitted: Sequence[Hypothe
     ]
 
 
-def same_site_alternatives(table: Sequence[Candidate], second: Candidate) -> list[Candidate]:
-    """Return same-site alternatives of a second effect, of one family."""
-    own = [c for c in table if c.effect.family == second.effect.family and c.place.name == second.place.name]
-    return best_of_effects([c for c in own if c.log_likelihood_gain > SHORTLIST.least_gain])[
-        : SHORTLIST.same_site_alternatives
+def rivals_of(candidate: Candidate, table: Sequence[Candidate]) -> list[Candidate]:
+    """Return other effects of a candidate's family that the screening hardly tells from it.
+
+    They act at the same location, or gain as much: an offset of a command is a constant force where the actuator acts.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        Candidate.
+    table : sequence of Candidate
+        Its screening, by gain.
+
+    Returns
+    -------
+    list of Candidate
+        Every other effect at its best location.
+    """
+    least = candidate.log_likelihood_gain - MODEL_CHOICE.alike
+    own = [
+        c
+        for c in table
+        if c.effect.family == candidate.effect.family
+        and c.effect.name != candidate.effect.name
+        and c.log_likelihood_gain > SHORTLIST.least_gain
+        and (c.place.name == candidate.place.name or c.log_likelihood_gain >= least)
     ]
+    return best_of_effects(own)[: SHORTLIST.rivals]
 
 
 def completing(first: Term, candidates: Sequence[Candidate]) -> list[Candidate]:

@@ -337,9 +337,8 @@ class ShortlistSettings:
     nearly: float = 0.9
     """nearly [1]: gain of the nested form over that of the candidate from which the nested form is fitted first, 0 to
     1; default untested. Raising it prefers the richer form."""
-    same_site_alternatives: int = 3
-    """same_site_alternatives [1]: same-site alternatives of a second effect that are fitted, at least 0; default
-    untested. Raising it costs time."""
+    rivals: int = 3
+    """rivals [1]: rivals of a second effect that are fitted, at least 0; default untested. Raising it costs time."""
 
 
 @dataclass(frozen=True, kw_only=True)
