@@ -68,7 +68,7 @@ def noise_lines(
 
 
 def _orthonormal(columns: Array, beside: Array | None = None) -> Array:
-    """Return an orthonormal basis of columns, of their part orthogonal to another basis where one is given.
+    """Return an orthonormal basis of columns, orthogonal to another basis.
 
     Parameters
     ----------
@@ -159,5 +159,5 @@ def nonlinear_spectra(values: Array, order: int, h: float) -> list[Array]:
 
 
 def spectrum(x: Array) -> Array:
-    """Return the spectrum (n // 2 + 1, ...) of signals (n, ...) without their mean."""
+    """Return the spectra (n // 2 + 1, ...) of signals (n, ...), without means."""
     return np.asarray(np.fft.rfft(x - x.mean(axis=0), axis=0))

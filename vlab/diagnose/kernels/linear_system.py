@@ -14,7 +14,7 @@ BLOCK = KERNELS.block
 def _turned(
     turn: Array, drive_re: Array, drive_im: Array, re: Array, im: Array, count: int, substeps: int
 ) -> None:  # pragma: no cover - compiled
-    """Fill samples 1 to `count` of the modal coordinates from sample 0, in modal form."""
+    """Step modal coordinates from sample 0 to `count`, in place."""
     m = re.shape[1]
     per_sample = len(drive_re) // count
     for k in range(count):
@@ -33,7 +33,7 @@ def _turned(
 
 @compiled(error_model="numpy", fastmath={"reassoc", "contract"})
 def _multiplied(step: Array, drive: Array, x: Array, count: int, substeps: int) -> None:  # pragma: no cover - compiled
-    """Fill samples 1 to `count` of the states from sample 0, by step matrices."""
+    """Step states from sample 0 to `count`, in place."""
     per_sample = len(drive) // count
     for k in range(count):
         x[k + 1] = x[k]

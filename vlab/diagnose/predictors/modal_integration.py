@@ -37,12 +37,34 @@ class Modes:
     back: Array
 
     def states_into(self, rows: Array) -> Array:
-        """Return rows (n_sets, n, width) of states as real and imaginary parts (n_sets, n, 2m) along the modes."""
+        """Return states in modal coordinates.
+
+        Parameters
+        ----------
+        rows : (n_sets, n, width) array
+            States on rows.
+
+        Returns
+        -------
+        (n_sets, n, 2m) array
+            Real parts, then imaginary parts.
+        """
         there = rows @ self.into
         return np.ascontiguousarray(np.concatenate([there.real, there.imag], axis=-1))
 
     def rows_from(self, columns: Array) -> Array:
-        """Return output columns (n_sets, width, p) as columns (n_sets, 2m, p) of real and imaginary parts."""
+        """Return output matrices of modal coordinates.
+
+        Parameters
+        ----------
+        columns : (n_sets, width, p) array
+            Output matrices of states.
+
+        Returns
+        -------
+        (n_sets, 2m, p) array
+            Rows of the real parts, then of the imaginary parts.
+        """
         there = self.back @ columns
         return np.ascontiguousarray(np.concatenate([there.real, -there.imag], axis=1))
 

@@ -83,7 +83,10 @@ class Distance:
 
     @property
     def incoherent(self) -> float:
-        """Relative rms of the residual of `before` that is coherent with neither inputs nor motion; 0 where unknown."""
+        """Relative rms of the incoherent part of the residual of `before`.
+
+        The part is coherent with neither inputs nor motion; 0 where unknown.
+        """
         return 0.0
 
     @property
