@@ -21,8 +21,9 @@ from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.search.attempt import best_attempt
 from vlab.diagnose.search.confirmation import Confirmation
 from vlab.diagnose.settings import ATTEMPT, EVIDENCE, MODEL_CHOICE
+from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import Distance, Part, part_of, whole_gap
-from vlab.diagnose.validation.simulation import Ablations, Checked, ExtendedModel, check
+from vlab.diagnose.validation.simulation import Ablations, ExtendedModel, check
 from vlab.diagnose.verdict import closes_gap, decide_verdict
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS

@@ -9,10 +9,11 @@ from null_rigs import CHAINS, DURATION, NOISES, RATE, add_noise, autoregressive,
 from rig_folder import multisine
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
+from scipy.stats import binom
 
 from vlab.cases.channel_map import Compared, Drive, Run
 from vlab.diagnose.data.local_rational import noise_lines, spectrum
-from vlab.diagnose.data.residual_noise import incoherent_rms, noise_share
+from vlab.diagnose.data.residual_noise import incoherent_rms, is_gaussian, noise_share
 from vlab.diagnose.settings import RESIDUAL_NOISE
 from vlab.signals import Channel, Recording
 
@@ -218,3 +219,34 @@ def test_residuals_share_one_factorisation_of_the_regressors():
                 left = (R[band] - A @ fit) / (1.0 + fit[0] * f) / (1.0 - np.diag(hat).real)
                 expected = np.minimum(np.abs(left), np.abs(R[band])) ** 2
                 np.testing.assert_allclose(lines[band], expected, rtol=1e-6)
+
+
+# ---- Gaussian or not ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [white, pink, autoregressive])
+def test_stationary_gaussian_noise_is_refused_at_the_stated_rate(make):
+    rng = np.random.default_rng(13)
+    refused = sum(not is_gaussian(make(rng, 800)[:, None], 0.05) for _ in range(200))
+    # 99.9 % of a binomial distribution of 200 trials at 0.05
+    assert refused <= binom.ppf(0.999, 200, 0.05)
+
+
+def test_an_oscillator_under_input_noise_from_rest_is_gaussian_at_the_stated_rate():
+    rng = np.random.default_rng(14)
+    pole = np.exp((-0.02 + 1j) * 0.3)
+    coefficients = [1.0, -2.0 * pole.real, abs(pole) ** 2]
+    refused = sum(
+        not is_gaussian(lfilter([1.0], coefficients, rng.standard_normal(800))[:, None], 0.05) for _ in range(200)
+    )
+    assert refused <= binom.ppf(0.999, 200, 0.05)
+
+
+def test_bursts_and_modulation_are_no_stationary_noise():
+    rng = np.random.default_rng(15)
+    t = np.arange(2000) * 0.01
+    bursts = pink(rng, 2000) * (np.sin(2 * np.pi * 0.4 * t) > 0.8)
+    modulated = pink(rng, 2000) * (1.0 + np.cos(2 * np.pi * 0.1 * t)) ** 2
+    for x in (bursts, modulated):
+        assert not is_gaussian(x[:, None], 0.01)
+        assert is_gaussian(x[:, None], 0.01) is is_gaussian(1e-9 * x[:, None], 0.01)

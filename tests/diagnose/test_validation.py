@@ -14,8 +14,9 @@ from rigs import oscillator_case
 from vlab.cases import load_case, simulate
 from vlab.diagnose.inference.sensor_offset import explained_sensor_offsets
 from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import gap_closed, total
-from vlab.diagnose.validation.simulation import Checked, ExtendedModel, check, coarse_steps, with_finer_steps
+from vlab.diagnose.validation.simulation import ExtendedModel, check, coarse_steps, with_finer_steps
 from vlab.diagnose.verdict import closes_gap, decide_verdict, is_incoherent, is_needed, residual_note
 from vlab.files.assets import asset
 from vlab.parallel import side_by_side

@@ -39,10 +39,11 @@ from vlab.diagnose.search.deadline import Deadline
 from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised, choose_model_class
 from vlab.diagnose.search.sampling_convention import said
 from vlab.diagnose.search.selection import TimeFound
+from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import explained_share, total
 from vlab.diagnose.validation.mismatch import locate_mismatch
 from vlab.diagnose.validation.next_experiment import experiments, in_words
-from vlab.diagnose.validation.simulation import Checked, ExtendedModel, check, coarse_steps, extended, with_finer_steps
+from vlab.diagnose.validation.simulation import ExtendedModel, check, coarse_steps, extended, with_finer_steps
 from vlab.diagnose.verdict import (
     closes_gap,
     coloured_noise_note,

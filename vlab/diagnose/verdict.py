@@ -10,8 +10,8 @@ from vlab.diagnose.diagnosis import NAMING, Attempt, Verdict
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.settings import EVIDENCE, GAP, MODEL_CHOICE, PROBLEM, VERDICT
+from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import Distance, gap_closed, predicts_better, total, verifying
-from vlab.diagnose.validation.simulation import Checked
 from vlab.physics.small_signal import is_linear
 
 
@@ -149,6 +149,15 @@ def is_incoherent(checked: Sequence[Checked]) -> bool:
     """
     noise = min(total(checked, "incoherent"), total(checked, "after"))
     return total(checked, "before") <= VERDICT.above_noise * noise
+
+
+def is_gaussian(checked: Sequence[Checked]) -> bool:
+    """Return whether every residual may be stationary Gaussian noise, at the verdict's false-alarm rate.
+
+    Physics that inputs and motion do not show as such, as a contact that comes and goes, has bursts.
+    """
+    rate = VERDICT.false_alarm_rate / max(len(checked), 1)
+    return all(c.is_gaussian(rate) for c in checked)
 
 
 def coloured_noise_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
@@ -394,6 +403,6 @@ def decide_verdict(
     tests = not all(run.is_idle for run in checked)
     if is_followed and (shows or (tests and is_needed(choice, checked, is_structure=is_structure))):
         return "missing-physics"
-    if not unexplained or (is_plausible and is_incoherent(checked)):
+    if not unexplained or (is_plausible and is_incoherent(checked) and is_gaussian(checked)):
         return "nothing-missing"
     return "bad-recording" if seen.damage.warnings else "none-of-these"

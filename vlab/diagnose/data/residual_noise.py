@@ -101,6 +101,47 @@ def _of_mean(power: Array) -> float:
     )
 
 
+def is_gaussian(residuals: Array, false_alarm_rate: float) -> bool:
+    """Return whether residuals may be stationary Gaussian noise of any colour.
+
+    Surrogates with the spectra of the residuals and random phases are such noise [1]_. Bursts, steps and modulation raise
+    the kurtosis of the residuals above that of all surrogates. The phases are common to all channels, which keeps their
+    coherence.
+
+    Parameters
+    ----------
+    residuals : (n, n_channels) array
+        Residuals at even times, in comparable units.
+    false_alarm_rate : float
+        Probability of a negative answer for such noise [1].
+
+    Returns
+    -------
+    bool
+        False if the kurtosis exceeds that of all surrogates.
+
+    References
+    ----------
+    .. [1] J. Theiler et al., Testing for nonlinearity in time series: the method of surrogate data, Physica D 58 (1992)
+       77-94.
+    """
+    x = residuals - residuals.mean(axis=0)
+    if len(x) < 3 or not np.any(x):
+        return True
+    spectra, phases = np.fft.rfft(x, axis=0), np.random.default_rng(0)
+    largest = 0.0
+    for _ in range(int(np.ceil(1.0 / false_alarm_rate)) - 1):
+        turn = np.exp(2j * np.pi * phases.random(len(spectra)))
+        largest = max(largest, _kurtosis(np.fft.irfft(spectra * turn[:, None], len(x), axis=0)))
+    return _kurtosis(x) <= largest
+
+
+def _kurtosis(x: Array) -> float:
+    """Return the mean square of the power of all channels over its squared mean."""
+    power = np.sum(x**2, axis=1)
+    return float(np.mean(power**2) / np.mean(power) ** 2)
+
+
 def noise_share(residual: Array, linear: Sequence[Array], nonlinear: Sequence[Array] = ()) -> float | None:
     """Return the noise share of a residual's rms about its mean.
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from vlab.cases.misfit import misfit
-from vlab.diagnose.validation.simulation import Checked
+from vlab.diagnose.validation.checked import Checked
 
 
 def locate_mismatch(checked: Sequence[Checked]) -> dict[str, Any]:

@@ -16,7 +16,8 @@ import numpy as np
 
 from vlab.cases.channel_map import Run
 from vlab.diagnose.settings import VALIDATION
-from vlab.diagnose.validation.simulation import Checked, ExtendedModel
+from vlab.diagnose.validation.checked import Checked
+from vlab.diagnose.validation.simulation import ExtendedModel
 from vlab.errors import BadCase, Diverged
 from vlab.parallel import side_by_side
 from vlab.signals import Array

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,18 +14,18 @@ from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.noise import estimate_noise
 from vlab.diagnose.data.quality import SensorLimit
 from vlab.diagnose.data.quantisation import SensorStep
-from vlab.diagnose.data.residual_noise import incoherent_rms
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import VALIDATION
-from vlab.diagnose.validation.gap import Distance, block_log_ratios, part_of
+from vlab.diagnose.validation.checked import Checked, rms
+from vlab.diagnose.validation.gap import block_log_ratios, part_of
 from vlab.diagnose.validation.horizon import can_be_halved, is_predicted, length_of_parts, parts_of, parts_within
 from vlab.errors import BadCase, Diverged
 from vlab.parallel import side_by_side
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
 from vlab.recordings.quality import held_samples
-from vlab.signals import Array, Recording, longest_read, strung_together
+from vlab.signals import Array, Recording, strung_together
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -174,86 +173,6 @@ class Ablations:
         return replace(self, models=tuple(change(model) for model in self.models))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Checked(Distance):
-    """Errors of the models on one recording.
-
-    Errors are rms over channels of error over the recording's rms about its mean; infinite after divergence.
-
-    Parameters
-    ----------
-    run : Run
-        Recording.
-    simulated : tuple of Recording or None
-        Nominal, calibrated and extended simulation.
-    """
-
-    run: Run
-    simulated: tuple[Recording | None, Recording | None, Recording | None]
-
-    @property
-    def measured(self) -> Recording:
-        """Recorded channels."""
-        return self.run.measured
-
-    @cached_property
-    def incoherent(self) -> float:
-        """See `Distance`; at least the noise.
-
-        The difference of the nominal and the calibrated model is the noise-free signal that shows the bias of the
-        method.
-        """
-        if self.standing is None:
-            return self.noise
-        nominal, calibrated, _ = self.simulated
-        parts: dict[tuple[int, int], list[str]] = {}
-        for name in self.channels:  # spectra need neighbouring samples
-            part = longest_read(self.measured, name)
-            parts.setdefault((part.start, part.stop), []).append(name)
-        shares = []
-        for (start, stop), names in parts.items():
-            rows = slice(start, stop)
-            cut = replace(self.run, measured=self.measured.rows(rows), valid=None)
-            columns = [self.measured.index(name) for name in names]
-            left = (self.measured.data - self.standing.data)[rows, columns]
-            apart = None
-            if nominal is not None and calibrated is not None:
-                apart = (nominal.data - calibrated.data)[rows, columns]
-            scale = [np.std(self.measured[name][self.measured.is_read(name)]) for name in names]
-            noise = [self.channels[name][-1] for name in names]
-            shares.append(np.maximum(incoherent_rms(cut, names, left, apart) / scale, noise))
-        return _rms(np.concatenate(shares)) if shares else self.noise
-
-    @property
-    def standing(self) -> Recording | None:
-        """Simulation of the nominal or calibrated model that remains.
-
-        Its error is `before`.
-        """
-        return self.simulated[0] if self.stands == "nominal" else self.simulated[1]
-
-    @property
-    def extended(self) -> Recording | None:
-        """Simulation of the extended model, where available."""
-        return None if self.simulated[2] is self.standing else self.simulated[2]
-
-    def against_nominal(self) -> "Checked":
-        """Return the errors against the nominal instead of the calibrated model."""
-        channels = {
-            name: (nominal, nominal, after, noise) for name, (nominal, _, after, noise) in self.channels.items()
-        }
-        return replace(self, before=self.nominal, channels=channels, is_refuted=True)
-
-    def without_findings(self) -> "Checked":
-        """Return the errors without any finding."""
-        channels = {
-            name: (nominal, before, before, noise) for name, (nominal, before, _, noise) in self.channels.items()
-        }
-        nominal, calibrated, _ = self.simulated
-        simulated = (nominal, calibrated, self.standing)
-        return replace(self, after=self.before, channels=channels, simulated=simulated, log_ratios=np.zeros(0))
-
-
 def check(
     runs: Sequence[Run],
     before: ExtendedModel,
@@ -370,7 +289,7 @@ def coarse_steps(model: ExtendedModel, runs: Sequence[Run], horizon_s: float = n
         _, one, two = own.simulated
         if one is None or two is None:
             continue
-        moved = [_rms(one[name] - two[name]) / np.std(own.measured[name]) for name in own.channels]
+        moved = [rms(one[name] - two[name]) / np.std(own.measured[name]) for name in own.channels]
         size = float(np.sqrt(np.mean(np.square(moved))))
         if size >= max(own.noise, VALIDATION.coarse * own.calibrated) and size > worst:
             worst, where = size, own.name
@@ -409,7 +328,7 @@ def _checked(
             noise[i] = max(noise[i], hum) if estimates[i].is_of_repeats else np.hypot(noise[i], hum)
 
     def apart(one: Recording, other: Recording) -> Array:
-        return np.array([_rms((one[n] - other[n])[kept & read[n]]) for n in names]) / scale
+        return np.array([rms((one[n] - other[n])[kept & read[n]]) for n in names]) / scale
 
     errors, recordings = [], list(simulated[:3])
     for model, recording in zip(models, simulated, strict=True):
@@ -418,13 +337,13 @@ def _checked(
         else:
             errors.append(apart(recording, run.measured))
     noise = np.fmin(noise, np.fmin.reduce(errors))  # a model does not predict noise, so no error is below the noise
-    left = [_rms(e) for e in errors]
+    left = [rms(e) for e in errors]
     stands = errors[0] if left[1] > left[0] else errors[1]
     standing = recordings[0] if left[1] > left[0] else recordings[1]
     if models[2] is None:
         errors[2], recordings[2] = stands, standing
     bare = recordings[2] if not findings else simulated[-1]
-    start = bare if findings and left[-1] < _rms(stands) else standing
+    start = bare if findings and left[-1] < rms(stands) else standing
     parts = []
     for name, without, own in zip(findings, simulated[3:], left[3:], strict=False):
         moved = np.full(len(names), np.inf)
@@ -435,9 +354,9 @@ def _checked(
         name=run.name,
         role=run.role,
         nominal=left[0],
-        before=_rms(stands),
-        after=_rms(errors[2]),
-        noise=_rms(noise),
+        before=rms(stands),
+        after=rms(errors[2]),
+        noise=rms(noise),
         channels={n: tuple(float(x[i]) for x in (errors[0], stands, errors[2], noise)) for i, n in enumerate(names)},  # type: ignore[misc]
         calibrated=left[1],
         bare=left[-1] if findings else float("nan"),
@@ -460,10 +379,6 @@ def _log_ratios(
     read = np.column_stack([run.measured.is_read(name) for name in names])
     errors = [(((model.data - run.measured.data)[:, columns] * read)[kept]) / scale for model in (without, extended)]
     return block_log_ratios(errors[0], errors[1], VALIDATION.blocks)
-
-
-def _rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(x**2)))
 
 
 def _try(model: ExtendedModel | None, run: Run) -> Array | None:

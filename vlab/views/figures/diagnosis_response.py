@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from vlab.diagnose.validation.simulation import Checked
+from vlab.diagnose.validation.checked import Checked
 from vlab.errors import VlabError
 from vlab.modal.frf import estimate_frf
 from vlab.signals import FrequencyResponse, Recording

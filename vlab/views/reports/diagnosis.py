@@ -15,8 +15,8 @@ from vlab.diagnose.export import CASE, Done, ExtendedModelFiles, write_extended_
 from vlab.diagnose.findings import TOLD
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.pipeline import Diagnosed
+from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import gap_closed, total, whole_gap
-from vlab.diagnose.validation.simulation import Checked
 from vlab.files.output_folder import finite
 from vlab.files.text import as_sentence
 from vlab.physics.catalogue import EFFECTS

@@ -11,7 +11,7 @@ from vlab.diagnose.export import Done
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.pipeline import Diagnosed
-from vlab.diagnose.validation.simulation import Checked
+from vlab.diagnose.validation.checked import Checked
 from vlab.signals import Recording
 from vlab.views.figures.diagnosis import force_figure, overlay_figure
 from vlab.views.figures.restoring_force import restoring_force

@@ -8,7 +8,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from vlab.diagnose.advice import before_heading
-from vlab.diagnose.validation.simulation import Checked
+from vlab.diagnose.validation.checked import Checked
 from vlab.signals import Recording
 from vlab.views.figures import channel_label, pretty_unit
 from vlab.views.rerun.documents import cell, fact_list, log_document
