@@ -11,13 +11,21 @@ import rig_oscillator
 from rig_folder import Channel, Record, write_case
 from rigs import oscillator_case
 
+from vlab import signals
 from vlab.cases import load_case, simulate
 from vlab.diagnose.inference.sensor_offset import explained_sensor_offsets
 from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import gap_closed, total
 from vlab.diagnose.validation.simulation import ExtendedModel, check, coarse_steps, with_finer_steps
-from vlab.diagnose.verdict import closes_gap, decide_verdict, is_incoherent, is_needed, residual_note
+from vlab.diagnose.verdict import (
+    closes_gap,
+    coloured_noise_note,
+    decide_verdict,
+    is_incoherent,
+    is_needed,
+    residual_note,
+)
 from vlab.files.assets import asset
 from vlab.parallel import side_by_side
 from vlab.physics.attach import Attached, attach
@@ -107,6 +115,25 @@ def checked(before, after, noise=0.01):
         run=None, simulated=(None, None, None),
     )  # fmt: skip
     return [one, dataclasses.replace(one, name="other")]
+
+
+@pytest.mark.parametrize("has_bursts", [False, True])
+def test_a_residual_with_bursts_is_not_said_to_be_noise_alone(has_bursts):
+    rng, t = np.random.default_rng(3), 0.01 * np.arange(3000)
+    motion, noise = np.sin(7.0 * t), 0.05 * rng.standard_normal(t.size)
+    noise *= (np.sin(2 * np.pi * 0.3 * t) > 0.8) if has_bursts else 1.0
+    channels = (signals.Channel(name="x", kind="displacement", unit="m"),)
+    recorded = signals.Recording(time=t, data=(motion + noise)[:, None], channels=channels)
+    simulated = dataclasses.replace(recorded, data=motion[:, None])
+    (one, _) = checked(0.05, 0.05)
+    one = dataclasses.replace(
+        one,
+        channels={"x": (0.05, 0.05, 0.05, 0.01)},
+        run=SimpleNamespace(measured=recorded),
+        simulated=(simulated,) * 3,
+    )
+    (note,) = coloured_noise_note("nothing-missing", [one], is_structure=False)
+    assert ("bursts" in note) is has_bursts
 
 
 SWING = """<mujoco><option timestep="{step}" integrator="{integrator}"/><worldbody><body name="arm">

@@ -154,7 +154,7 @@ def is_incoherent(checked: Sequence[Checked]) -> bool:
 def is_gaussian(checked: Sequence[Checked]) -> bool:
     """Return whether every residual may be stationary Gaussian noise, at the verdict's false-alarm rate.
 
-    Physics that inputs and motion do not show as such, as a contact that comes and goes, has bursts.
+    Physics that comes and goes, as an intermittent contact, has bursts. So has noise that rings up a lightly damped mode.
     """
     rate = VERDICT.false_alarm_rate / max(len(checked), 1)
     return all(c.is_gaussian(rate) for c in checked)
@@ -180,9 +180,12 @@ def coloured_noise_note(verdict: Verdict, checked: Sequence[Checked], *, is_stru
     errors = errors_of(checked)
     if verdict != "nothing-missing" or not _shows("before", errors, is_structure=is_structure):
         return []
+    what = "coloured noise"
+    if not is_gaussian(checked):
+        what += ", or physics that comes and goes, for the residual has bursts that stationary noise has not"
     return [
         f"the residual is {100 * errors['before']:.2g} % of the recordings' rms and coherent with neither the inputs nor the motion: "
-        "coloured noise"
+        f"{what}"
     ]
 
 
@@ -403,6 +406,6 @@ def decide_verdict(
     tests = not all(run.is_idle for run in checked)
     if is_followed and (shows or (tests and is_needed(choice, checked, is_structure=is_structure))):
         return "missing-physics"
-    if not unexplained or (is_plausible and is_incoherent(checked) and is_gaussian(checked)):
+    if not unexplained or (is_plausible and is_incoherent(checked)):
         return "nothing-missing"
     return "bad-recording" if seen.damage.warnings else "none-of-these"
