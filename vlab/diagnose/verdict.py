@@ -152,9 +152,9 @@ def is_incoherent(checked: Sequence[Checked]) -> bool:
 
 
 def is_gaussian(checked: Sequence[Checked]) -> bool:
-    """Return whether every residual may be stationary Gaussian noise, at the verdict's false-alarm rate.
+    """Return whether every residual may be stationary Gaussian noise.
 
-    Physics that comes and goes, as an intermittent contact, has bursts. So has noise that rings up a lightly damped mode.
+    The test has the false-alarm rate of the verdict. Physics that comes and goes, as an intermittent contact, has bursts. So has noise that rings up a lightly damped mode.
     """
     rate = VERDICT.false_alarm_rate / max(len(checked), 1)
     return all(c.is_gaussian(rate) for c in checked)

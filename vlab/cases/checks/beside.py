@@ -118,7 +118,7 @@ def _as_far(simulated: Recording | None, run: Run) -> Recording | None:
 
 
 def _simulated(plant: Plant, run: Run) -> Array | None:
-    """Return the simulated channels; None if the model diverges or has no initial state."""
+    """Return the simulated channels, or None after a failure."""
     try:
         with np.errstate(all="ignore"):
             return simulate(plant, run).recording.data

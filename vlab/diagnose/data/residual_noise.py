@@ -68,9 +68,9 @@ def _without_bias(run: Run, channel: str, squares: float, residual: Array, noise
 
 
 def _unexplained(run: Run, signals: Array) -> Array:
-    """Return the power (n_lines, n_signals) on lines that inputs and motion do not explain.
+    """Return the unexplained power (n_lines, n_signals).
 
-    Of several motions, the one that explains a signal best counts. The result has no lines where there are too few.
+    Neither inputs nor motion explain it. Of several motions, the one that explains a signal best counts. The result has no lines where there are too few.
     """
     inputs = [spectrum(run.measured[drive.channel]) for drive in run.drives]
     inputs = [x for x in inputs if np.any(x)]
@@ -102,7 +102,7 @@ def _of_mean(power: Array) -> float:
 
 
 def is_gaussian(residuals: Array, false_alarm_rate: float) -> bool:
-    """Return whether residuals may be stationary Gaussian noise of any colour.
+    """Return whether residuals may be stationary Gaussian noise.
 
     Surrogates with the spectra of the residuals and random phases are such noise [1]_. Bursts, steps and modulation raise
     the kurtosis of the residuals above that of all surrogates. The phases are common to all channels, which keeps their

@@ -18,12 +18,8 @@ def _turned(
     m = re.shape[1]
     per_sample = len(drive_re) // count
     for k in range(count):
-        now = k * per_sample
-        for j in range(m):
-            x, z = re[k, j], im[k, j]
-            re[k + 1, j] = x * turn[0, j] - z * turn[1, j] + drive_re[now, j]
-            im[k + 1, j] = x * turn[1, j] + z * turn[0, j] + drive_im[now, j]
-        for sub in range(1, substeps):
+        re[k + 1], im[k + 1] = re[k], im[k]
+        for sub in range(substeps):
             now = k * per_sample + min(sub, per_sample - 1)
             for j in range(m):
                 x, z = re[k + 1, j], im[k + 1, j]

@@ -189,24 +189,54 @@ def integrate_modes(
     (n, n_sets, n_runs, p) array
         Channels.
     """
-    n_sets, n_runs, n, p = *starts.shape[:2], len(part), system.channels.shape[2]
     modes, inputs = modes_of(system.step), part[:, None]
     if given.shape[-1]:
         inputs = np.concatenate([np.broadcast_to(inputs, (*given.shape[:-1], inputs.shape[-1])), given], axis=-1)
-    if not laws:
-        y = np.empty((n_sets, n_runs, n, p))
-        integrate_linear(
-            np.ascontiguousarray(np.moveaxis(modes.turn, 1, 0)),
-            modes.dense if modes.dense.size else np.zeros((0, 0, 0)),
-            modes.states_into(system.into),
-            modes.rows_from(system.channels),
-            np.ascontiguousarray(system.direct),
-            np.ascontiguousarray(inputs.transpose(2, 3, 0, 1, 4)),
-            modes.states_into(starts),
-            given.shape[1],
-            y,
+    if laws:
+        return _with_laws(
+            system, modes, laws, inputs, starts, (given.shape[1], h, np.ascontiguousarray(late, dtype=float))
         )
-        return y.transpose(2, 0, 1, 3)
+    y = np.empty((*starts.shape[:2], len(part), system.channels.shape[2]))
+    integrate_linear(
+        np.ascontiguousarray(np.moveaxis(modes.turn, 1, 0)),
+        modes.dense if modes.dense.size else np.zeros((0, 0, 0)),
+        modes.states_into(system.into),
+        modes.rows_from(system.channels),
+        np.ascontiguousarray(system.direct),
+        np.ascontiguousarray(inputs.transpose(2, 3, 0, 1, 4)),
+        modes.states_into(starts),
+        given.shape[1],
+        y,
+    )
+    return y.transpose(2, 0, 1, 3)
+
+
+def _with_laws(
+    system: Marched,
+    modes: Modes,
+    laws: Sequence[LoopLaw],
+    inputs: Array,
+    starts: Array,
+    clock: tuple[int, float, Array],
+) -> Array:
+    """Integrate a linear system with laws in the loop, on lanes.
+
+    Parameters
+    ----------
+    system : Marched
+        Linear system.
+    modes : Modes
+        Modal form of its step.
+    laws : sequence of LoopLaw
+        Laws.
+    inputs : (n, 1 or substeps, 1 or n_sets, n_runs, n_inputs) array
+        Inputs.
+    starts : (n_sets, n_runs, width) array
+        Initial states.
+    clock : tuple of int, float and (n_runs,) array
+        Substeps, their length [s], and the times of the runs' first samples [s].
+    """
+    n_sets, n_runs, n, p = *starts.shape[:2], len(inputs), system.channels.shape[2]
     push, direct = np.stack([law.push for law in laws], axis=1), np.stack([law.direct for law in laws], axis=1)
     felt = push @ system.seen
     graphs, registers = loaded(
@@ -242,7 +272,7 @@ def integrate_modes(
         runs(modes.states_into(starts)),
         lanes(np.swapaxes(modes.rows_from(np.broadcast_to(system.seen, (n_sets, *system.seen.shape))), 1, 2)),
         runs(starts @ system.seen),
-        (given.shape[1], h, np.ascontiguousarray(late, dtype=float)),
+        clock,
         acting,
         graphs,
         registers,

@@ -102,7 +102,7 @@ def related_candidates(candidates: Sequence[Candidate], fitted: Sequence[Hypothe
 
 
 def rivals_of(candidate: Candidate, table: Sequence[Candidate]) -> list[Candidate]:
-    """Return other effects of a candidate's family that the screening hardly tells from it.
+    """Return indistinguishable effects of a candidate's family.
 
     They act at the same location, or gain as much: an offset of a command is a constant force where the actuator acts.
 

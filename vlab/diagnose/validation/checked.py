@@ -43,20 +43,18 @@ class Checked(Distance):
         """
         nominal, calibrated, _ = self.simulated
         shares = []
-        for rows, names in self._stretches:
-            assert self.standing is not None
+        for rows, names, left in self._residuals:
             cut = replace(self.run, measured=self.measured.rows(rows), valid=None)
-            columns = [self.measured.index(name) for name in names]
-            left = (self.measured.data - self.standing.data)[rows, columns]
             apart = None
             if nominal is not None and calibrated is not None:
+                columns = [self.measured.index(name) for name in names]
                 apart = (nominal.data - calibrated.data)[rows, columns]
             noise = [self.channels[name][-1] for name in names]
             shares.append(np.maximum(incoherent_rms(cut, names, left, apart) / self._scale(names), noise))
         return rms(np.concatenate(shares)) if shares else self.noise
 
     def is_gaussian(self, false_alarm_rate: float) -> bool:
-        """Return whether the residual of `before` may be stationary Gaussian noise of any colour.
+        """Return whether the residual may be stationary Gaussian noise.
 
         The residual of parts that start from states of their own grows in each part, so it is not tested.
 
@@ -72,27 +70,26 @@ class Checked(Distance):
         """
         if np.isfinite(self.horizon_s) or not self.measured.is_uniform:
             return True
-        stretches = self._stretches
-        return all(
-            is_gaussian(
-                (self.measured.data - self.standing.data)[rows, [self.measured.index(n) for n in names]]
-                / self._scale(names),
-                false_alarm_rate / len(stretches),
-            )
-            for rows, names in stretches
-            if self.standing is not None
-        )
+        rate = false_alarm_rate / max(len(self._residuals), 1)
+        return all(is_gaussian(left / self._scale(names), rate) for _, names, left in self._residuals)
 
     @cached_property
-    def _stretches(self) -> list[tuple[slice, list[str]]]:
-        """Longest stretches without lost readings, with their channels; none without a simulation."""
+    def _residuals(self) -> list[tuple[slice, list[str], Array]]:
+        """Residuals of `before` by longest stretches without lost readings.
+
+        Each has its rows and its channels. There are none without a simulation.
+        """
         if self.standing is None:
             return []
         parts: dict[tuple[int, int], list[str]] = {}
         for name in self.channels:  # spectra need neighbouring samples
             part = longest_read(self.measured, name)
             parts.setdefault((part.start, part.stop), []).append(name)
-        return [(slice(*part), names) for part, names in parts.items()]
+        left = self.measured.data - self.standing.data
+        return [
+            (slice(*part), names, left[slice(*part), [self.measured.index(name) for name in names]])
+            for part, names in parts.items()
+        ]
 
     def _scale(self, names: Sequence[str]) -> Array:
         """Return the rms (n_names,) of channels about their means."""
