@@ -503,3 +503,10 @@ def test_a_structure_without_anything_hidden_is_close_to_mujoco(tmp_path, name):
     for nrmse in compare_case(tmp_path / "case").nrmse.values():
         # Converter within 2 %, and meshes that differ by 0.1 % (beam) and 0.5 % (grid) in frequency over 20 s.
         assert nrmse < (0.3 if name == "beam" else 0.6)
+
+
+@pytest.mark.slow
+def test_an_effect_that_runs_away_is_drawn_again():
+    """The first draw of this case overflows; its calibration would be one to infinite outputs."""
+    made = make_case("two-effects", ("beam", "grid"), 113791550902922587672764319734966296796, 5)
+    assert np.all(np.isfinite(made.outputs))

@@ -31,6 +31,8 @@ HALVED_S, MOST_HALVED = 4.0, 0.1
 the noise. A case with coarser integration is worthless."""
 MOST_VEILED = 0.7
 """MOST_VEILED [-]: largest visible share of an effect in a veiling loop over that without the loop."""
+MOST_LARGER = 1e3
+"""MOST_LARGER [-]: largest output over that without effects; beyond it a recording has run away."""
 DELAY_SAMPLES, CORNER_HZ = 1.35, 677.0
 """DELAY_SAMPLES [samples], CORNER_HZ [Hz]: nominal converter of the laboratory; the true one is within 2 %."""
 
@@ -286,15 +288,11 @@ def _hide(
                 y = setup.sensed(commands, found)
         except Diverged:
             continue
+        if not _is_bounded(y, drawn.null):  # a calibration to it would run away
+            continue
         size = refit.size(setup.read(y, found)[:, :, fit], drawn.null[:, :, fit])
-        tame = np.all(np.isfinite(y)) and np.abs(y).max() < 1e3 * np.abs(drawn.null).max()
         in_range = wanted.low / CLOSE <= size.left <= wanted.high * CLOSE and size.of_signal <= 1.5 * LARGEST
-        if (
-            tame
-            and in_range
-            and size.absorbed >= wanted.absorbed
-            and (not wanted.veiled or _is_veiled(drawn, found, y))
-        ):
+        if in_range and size.absorbed >= wanted.absorbed and (not wanted.veiled or _is_veiled(drawn, found, y)):
             return found, size, y
     raise BadExperiment(f"no {wanted.suite} case of the wanted size was found on the {blueprint.name}")
 
@@ -386,9 +384,12 @@ def _left(setup: Setup, commands: Array, one: Hidden, null: Array, refit: Refit)
             y = setup.run(commands, [one])
     except Diverged:
         return np.inf, np.inf
-    if not np.all(np.isfinite(y)) or np.abs(y).max() > 1e3 * np.abs(null).max():
-        return np.inf, np.inf
-    return refit.left(y, null)
+    return refit.left(y, null) if _is_bounded(y, null) else (np.inf, np.inf)
+
+
+def _is_bounded(y: Array, null: Array) -> bool:
+    """Return whether outputs are finite and of the size of those without effects."""
+    return bool(np.all(np.isfinite(y)) and np.abs(y).max() <= MOST_LARGER * np.abs(null).max())
 
 
 def _halved(drawn: _Drawn, hidden: Sequence[Hidden]) -> dict[str, float]:
