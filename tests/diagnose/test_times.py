@@ -61,7 +61,7 @@ def test_trial_periods_are_whole_samples_and_limited():
     coarse = scan_values(p, Scales(step=0.01, duration=8.0, highest_hz=5.0))
     np.testing.assert_allclose(coarse, 0.01 * np.arange(2, 21))
     fine = scan_values(p, Scales(step=1e-5, duration=8.0, highest_hz=5.0))
-    assert fine.size <= TRIAL_SCAN.periods
+    assert fine.size <= TRIAL_SCAN.most
     assert fine[-1] == pytest.approx(0.2)
 
 
@@ -73,6 +73,21 @@ def test_trial_slopes_reach_from_slow_targets_to_the_steepest_step():
     assert np.all(values[1:] / values[:-1] <= TRIAL_SCAN.ratio + 1e-12)
     assert values[-1] * TRIAL_SCAN.ratio >= 900.0
     assert scan_values(p, Scales(step=1e-3, duration=8.0, highest_hz=5.0)).size == 0  # no command
+
+
+@pytest.mark.parametrize("command", [np.linspace(-1, 1, 4001), np.sin(np.linspace(0, 60, 4001))], ids=["ramp", "sine"])
+def test_some_trial_step_rounds_like_any_true_step(command):
+    """The rounding error of the nearest trial correlates with that of any step down to a hundredth of the command."""
+    effect = EFFECTS["actuator-quantisation"]
+    trials = scan_values(effect.parameters[0], Scales(step=1e-3, duration=8.0, highest_hz=5.0, largest=1.0))
+
+    def error(step):
+        return command - effect.actuate(command, {"step": step}, 1e-3)
+
+    errors = [error(step) for step in trials]
+    for step in np.geomspace(0.011, 0.9, 40):
+        true = error(step)
+        assert max(np.corrcoef(true, e)[0, 1] for e in errors) > 0.4
 
 
 def test_a_scan_keeps_the_largest_peaks_and_few_columns():

@@ -10,9 +10,6 @@ from vlab.signals import Array
 CUT_OFF = (0.3, 0.45, 0.6, 0.75, 0.85, 0.92, 0.97)
 """CUT_OFF [1]: trial limits as shares of the largest command. A limit reached in only a few samples leaves its trace
 only in those samples, so the grid is dense near 1."""
-STEPS = tuple(round(0.02 * 1.06**i, 4) for i in range(66))
-"""STEPS [1]: trial converter steps as shares of the largest input. Neighbouring steps differ by 6 % because the
-residual of a wrong step resembles the true one only nearby."""
 
 
 class ActuatorGain(ActuatorEffect):
@@ -113,7 +110,16 @@ class Quantisation(ActuatorEffect):
     law = "force = q round(u/q)"
     words = "a converter with coarse steps stands before the actuator"
     parameters: ClassVar = (
-        Parameter(name="step", unit="N", low=0.002, high=1.0, role="shape", reference="input", grid=STEPS),
+        Parameter(
+            name="step",
+            unit="N",
+            low=0.002,
+            high=1.0,
+            role="shape",
+            reference="input",
+            grid=(0.05, 0.2, 0.5),
+            scan="step",
+        ),
     )
 
     def actuate(self, u: Array, p: Values, h: float) -> Array:

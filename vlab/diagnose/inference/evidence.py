@@ -161,7 +161,7 @@ def cost_of_parameters(parameters: Sequence[Parameter], samples: float = EVIDENC
 
 def _values_tried(parameter: Parameter) -> int:
     """Return the number of values of a discrete parameter."""
-    return max(len(parameter.grid), TRIAL_SCAN.periods if parameter.scan == "period" else 1)
+    return max(len(parameter.grid), TRIAL_SCAN.most if parameter.scan == "period" else 1)
 
 
 def effective_sample_size(noise: float, error: float, samples: float) -> float:

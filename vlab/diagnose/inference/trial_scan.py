@@ -5,7 +5,8 @@ magnitude. The screening is linear and cheap, so it evaluates a whole range of v
 
 - delays up to the range of the effect, at a fraction of the shortest recorded cycle;
 - whole sample periods of a hold;
-- limits from the slowest to the steepest motion of the command.
+- limits from the slowest to the steepest motion of the command;
+- steps of a converter, down to the smallest that some hundred trials reach.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,6 +35,8 @@ class Scales:
         Largest range of the commands, in their unit.
     steepest : float
         Largest slope of the commands, in their unit per second.
+    largest : float
+        Largest magnitude of the commands, in their unit.
     """
 
     step: float
@@ -41,6 +44,7 @@ class Scales:
     highest_hz: float
     span: float = 0.0
     steepest: float = 0.0
+    largest: float = 0.0
 
 
 def scan_values(parameter: Parameter, scales: Scales) -> Array:
@@ -65,8 +69,11 @@ def scan_values(parameter: Parameter, scales: Scales) -> Array:
         return spacing * np.arange(1, int(parameter.high / spacing) + 1)
     if parameter.scan == "period":
         most = int(parameter.high / scales.step)
-        counts = np.unique(np.linspace(2, most, min(max(most - 1, 0), TRIAL_SCAN.periods)).round())
+        counts = np.unique(np.linspace(2, most, min(max(most - 1, 0), TRIAL_SCAN.most)).round())
         return counts[counts >= 2] * scales.step
+    if parameter.scan == "step":
+        # a rounding error is a periodic function of command over step: evenly spaced inverse steps shift it evenly
+        return scales.largest / (TRIAL_SCAN.cycle * np.arange(TRIAL_SCAN.most, 1.0 / TRIAL_SCAN.cycle - 1.0, -1))
     if parameter.scan == "slope":
         low, high = scales.span / max(scales.duration, 1e-300), scales.steepest
         if not 0.0 < low < high:

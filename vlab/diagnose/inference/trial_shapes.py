@@ -98,4 +98,5 @@ class TrialShapes:
             highest_hz=self.highest_hz,
             span=max((float(np.ptp(run.u[:, own], axis=0).max()) for run in self.runs), default=0.0) if own else 0.0,
             steepest=self.reference("input-slope", place) if own else 0.0,
+            largest=self.reference("input", place) if own else 0.0,
         )
