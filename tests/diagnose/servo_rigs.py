@@ -14,6 +14,8 @@ from rig_folder import Channel, Record, Rig, multisine, write_case
 RATE, SECONDS, NOISE = 100.0, 5.0, 2e-4
 """Samples per second, length of a recording [s], noise of an angle [rad]."""
 GRAVITY = 9.81
+RISE = 0.05
+"""Speed [rad/s] at which three quarters of a gear's friction are there."""
 STEPS = 5
 """Runge-Kutta steps to a sample."""
 
@@ -26,12 +28,21 @@ class Drive:
     damping: float
     limit: float
     dead: float = 0.0
+    soft: float = math.inf
+    """Limit that the torque approaches gradually."""
+    no_load: float = math.inf
+    """Speed at which the limit of the driving torque is zero."""
+    loss: float = 0.0
+    """Share of the torque that rubs in the gear."""
 
     def force(self, command: float, q: float, v: float) -> float:
         """Return the torque [N m] at an angle and a rate."""
         error = command - q
         beyond = error - min(max(error, -self.dead), self.dead)
-        return min(max(self.gain * beyond - self.damping * v, -self.limit), self.limit)
+        forward, backward = self.limit * (1 - v / self.no_load), self.limit * (1 + v / self.no_load)
+        torque = min(max(self.gain * beyond - self.damping * v, -backward), forward)
+        torque = torque if math.isinf(self.soft) else self.soft * math.tanh(torque / self.soft)
+        return torque - self.loss * abs(torque) * math.tanh(v / RISE)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,6 +38,21 @@ HIDDEN = {
         {"gain": -0.5},
     ),
     "force limit": ("two links", hide(TWO_LINKS, 0, limit=6.0), "servo-force-limit", "shoulder", {"limit": 6.0}),
+    "soft force limit": ("two links", hide(TWO_LINKS, 0, soft=10.0), "servo-force-limit", "shoulder", {"limit": 10.0}),
+    "torque-speed line": (
+        "two links",
+        hide(TWO_LINKS, 0, limit=14.0, no_load=5.0),
+        "servo-torque-speed-line",
+        "shoulder",
+        {"limit": 14.0, "speed": 5.0},
+    ),
+    "friction of a gear": (
+        "two links",
+        hide(TWO_LINKS, 0, loss=0.25),
+        "servo-load-friction",
+        "shoulder",
+        {"share": 0.25},
+    ),
 }
 QUICK = "position gain, soft"
 

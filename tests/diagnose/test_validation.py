@@ -57,12 +57,14 @@ def test_the_error_over_recordings_is_their_root_mean_square():
 
 
 def test_a_residual_that_a_model_predicts_is_no_noise():
-    def checked(after):
-        return [SimpleNamespace(before=0.03, incoherent=0.025, after=after)]
+    def checked(after, role="holdout", incoherent=0.025):
+        return [SimpleNamespace(before=0.03, incoherent=incoherent, after=after, role=role)]
 
     assert is_incoherent(checked(0.03))
     assert is_incoherent(checked(0.021))  # a spurious effect may follow noise a little
     assert not is_incoherent(checked(0.015))
+    assert is_incoherent(checked(0.015, role="fit"))  # to which it was fitted
+    assert not is_incoherent(checked(0.03, role="fit", incoherent=0.018))
 
 
 @pytest.mark.slow

@@ -215,6 +215,9 @@ OF_SERVOS = {
     "servo-torque-constant": {"gain": -0.2},
     "servo-error-dead-zone": {"threshold": 0.1},
     "servo-force-limit": {"limit": 8.0},
+    "servo-soft-force-limit": {"limit": 8.0},
+    "servo-torque-speed-line": {"limit": 12.0, "speed": 0.5},
+    "servo-load-friction": {"share": 0.2, "rise": 0.05},
     "servo-backlash": {"gap": 0.02, "stiffness": 800.0, "damping_ratio": 0.1, "motor_share": 0.5},
     "servo-compliance": {"stiffness": 200.0, "damping_ratio": 0.1, "motor_share": 1.0},
 }

@@ -129,6 +129,30 @@ def test_a_force_limit_caps_the_acceleration(plant):
     assert q == pytest.approx(0.5 * limit / INERTIA * t**2, abs=limit / INERTIA * 0.1 * limited.model.opt.timestep)
 
 
+def test_a_soft_limit_droops_more_than_a_spring(plant):
+    limit = 0.8
+    _, q = angles(bench(plant, {"servo-soft-force-limit": {"limit": limit}}), load=LOAD)
+    assert q[-1] == pytest.approx(limit / KP * np.arctanh(LOAD / limit), rel=1e-3)
+
+
+def test_a_motor_runs_up_to_its_no_load_speed(plant):
+    # I dv/dt = L (1 - v/v0), from rest: an exponential with the time constant I v0/L
+    limit, speed = 0.4 * FORCE, 5.0
+    t, q = angles(
+        bench(plant, {"servo-torque-speed-line": {"limit": limit, "speed": speed}}), command=100.0, seconds=0.4
+    )
+    tau = INERTIA * speed / limit
+    assert q == pytest.approx(speed * (t - tau * (1 - np.exp(-t / tau))), abs=2e-3 * q.max())
+
+
+@pytest.mark.parametrize("command", [100.0, -100.0])
+def test_a_gear_takes_its_share_of_the_force(plant, command):
+    # the largest force drives throughout, less the share that rubs
+    gear = bench(plant, {"servo-load-friction": {"share": 0.3, "rise": 1e-3}})
+    t, q = angles(gear, command=command, seconds=0.1)
+    assert q == pytest.approx(0.5 * np.sign(command) * 0.7 * FORCE / INERTIA * t**2, abs=2e-3 * np.abs(q).max())
+
+
 @pytest.mark.parametrize(
     ("name", "values"),
     {

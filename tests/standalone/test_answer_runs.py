@@ -104,7 +104,14 @@ SEVERAL = [
 """Effects that act on each other, with an actuator whose gain comes before its quantisation."""
 FORCED = {name: PORT_VALUES[name] for name in ("lugre-friction", "stribeck-friction", "structural-damping")}
 
-AS_LAWS = ("servo-error-dead-zone", "servo-backlash", "servo-compliance")
+AS_LAWS = (
+    "servo-error-dead-zone",
+    "servo-soft-force-limit",
+    "servo-torque-speed-line",
+    "servo-load-friction",
+    "servo-backlash",
+    "servo-compliance",
+)
 """Effects within a servo that no number of the servo can hold."""
 
 

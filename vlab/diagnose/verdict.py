@@ -145,9 +145,11 @@ def is_incoherent(checked: Sequence[Checked]) -> bool:
     """Return whether the residual is incoherent noise.
 
     Incoherent noise of any colour depends on neither inputs nor motion. No model predicts noise, so the error of the extended
-    model bounds the noise from above: short recordings show the coherence of a residual poorly.
+    model on hold-out recordings bounds the noise from above: short recordings show the coherence of a residual poorly.
     """
-    noise = min(total(checked, "incoherent"), total(checked, "after"))
+    noise = total(checked, "incoherent")
+    if all(run.role == "holdout" for run in checked):  # a model follows the noise to which it was fitted
+        noise = min(noise, total(checked, "after"))
     return total(checked, "before") <= VERDICT.above_noise * noise
 
 
@@ -406,6 +408,6 @@ def decide_verdict(
     tests = not all(run.is_idle for run in checked)
     if is_followed and (shows or (tests and is_needed(choice, checked, is_structure=is_structure))):
         return "missing-physics"
-    if not unexplained or (is_plausible and is_incoherent(checked)):
+    if not unexplained or (is_plausible and is_incoherent(checked) and is_incoherent(fitted())):
         return "nothing-missing"
     return "bad-recording" if seen.damage.warnings else "none-of-these"

@@ -16,6 +16,7 @@ from vlab.physics import (
     port_nonlinear,
     sensors,
     servo,
+    servo_drive,
     tabulated,
 )
 from vlab.physics.effect import Effect
@@ -72,6 +73,9 @@ EFFECTS: dict[str, Effect] = {
         servo.ServoTorqueConstant(),
         servo.ServoErrorDeadZone(),
         servo.ServoForceLimit(),
+        servo_drive.ServoSoftForceLimit(),
+        servo_drive.ServoTorqueSpeedLine(),
+        servo_drive.ServoLoadFriction(),
         drive_train.ServoBacklash(),
         drive_train.ServoCompliance(),
         sensors.SensorGain(),

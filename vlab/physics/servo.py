@@ -211,9 +211,12 @@ class ServoEffect(PortEffect):
 
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
         """See `PortEffect`: the difference from the modelled force."""
-        servo = self.servo
-        e = servo.error(step.command, z)
-        return self.changed(e, v, p) - servo.limited(servo.gain * e - servo.damping * v), memory
+        e = self.servo.error(step.command, z)
+        return self.changed(e, v, p) - self.modelled(e, v), memory
+
+    def modelled(self, e: Any, v: Any) -> Any:
+        """Return the modelled force at a position error and a rate."""
+        return self.servo.limited(self.servo.gain * e - self.servo.damping * v)
 
     def factors(self, p: Values) -> Mapping[str, float] | None:
         """Return the effect as factors on the servo's numbers.
@@ -317,7 +320,7 @@ class ServoTorqueConstant(ServoEffect):
 
     def changed(self, e: Any, v: Any, p: Values) -> Any:
         """See `ServoEffect`."""
-        return (1.0 + p["gain"]) * self.servo.limited(self.servo.gain * e - self.servo.damping * v)
+        return (1.0 + p["gain"]) * self.modelled(e, v)
 
     def factors(self, p: Values) -> Mapping[str, float]:
         """See `ServoEffect`."""
@@ -374,8 +377,7 @@ class ServoForceLimit(ServoEffect):
 
     def changed(self, e: Any, v: Any, p: Values) -> Any:
         """See `ServoEffect`."""
-        servo = self.servo
-        return np.minimum(np.maximum(servo.limited(servo.gain * e - servo.damping * v), -p["limit"]), p["limit"])
+        return np.minimum(np.maximum(self.modelled(e, v), -p["limit"]), p["limit"])
 
 
 def put_into(model: Any, plant: Plant, index: int, effect: ServoEffect, values: Values) -> bool:

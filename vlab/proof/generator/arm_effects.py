@@ -115,6 +115,7 @@ def _carrying(arm: ServoArm, mass: float, away: Any, size: float) -> ServoArm:
 
 
 FRICTION = ("coulomb-friction", "stribeck-friction", "lugre-friction", "smooth-friction")
+GEARS = (*FRICTION, "servo-load-friction")
 PROFILE = ("rate-limit", "slew-limit")
 BRAKES = ("servo-velocity-gain", "viscous-damping")
 """BRAKES: one law within the limits of a drive's force, hence both names are right."""
@@ -208,10 +209,10 @@ def _tool(s: float, p: Shapes, at: ServoScale) -> Made:
 
 
 ARM_FORMS: tuple[Kind, ...] = (
-    Kind(name="coulomb-friction", form="grows with load", family="friction", on="joint", make=_gears, accepted=FRICTION,
+    Kind(name="coulomb-friction", form="grows with load", family="friction", on="joint", make=_gears, accepted=GEARS,
          shapes={"share": (0.4, 1.0)}, most=0.8, same=False),
     Kind(name="coulomb-friction", form="grows with load, in every joint", family="friction", on="all joints",
-         make=_all_gears, accepted=FRICTION, shapes={"share": (0.4, 1.0), "draw": (0.0, 1e9)}, most=0.6, same=False),
+         make=_all_gears, accepted=GEARS, shapes={"share": (0.4, 1.0), "draw": (0.0, 1e9)}, most=0.6, same=False),
     Kind(name="coulomb-friction", form="tanh", family="friction", on="joint", accepted=FRICTION, same=False, most=1.5,
          shapes={"speed": (0.03, 0.15, "log")},
          make=lambda s, p, at: ({"force": (f := s * at.moment)}, _numbers(smooth=f, smooth_speed=p["speed"] * at.v))),
