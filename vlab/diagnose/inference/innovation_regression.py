@@ -141,13 +141,32 @@ class Regression:
         """Return columns (rows, k) projected off the nuisance columns."""
         return np.asarray(columns - self.nuisance @ (self.gram @ (self.nuisance.T @ columns)))
 
-    def gain(self, columns: Array, left: Array, effect: Effect) -> tuple[float, Array]:
+    def normal_matrix(self, columns: Array, along: Array) -> Array:
+        """Return the normal matrix (k, k) of columns projected off the nuisance columns.
+
+        Parameters
+        ----------
+        columns : (rows, k) array
+            Columns.
+        along : (nuisances, k) array
+            Their products with the nuisance columns.
+
+        Returns
+        -------
+        (k, k) array
+            Normal matrix.
+        """
+        return np.asarray(columns.T @ columns - along.T @ (self.gram @ along))
+
+    def gain(self, normal: Array, pull: Array, effect: Effect) -> tuple[float, Array]:
         """Return the gain of an effect's columns, and their coefficients.
 
         Parameters
         ----------
-        columns, left : (rows, k) array
-            Columns of unit amplitudes, plain and projected off the nuisance columns.
+        normal : (k, k) array
+            Normal matrix of the columns, by `normal_matrix`.
+        pull : (k,) array
+            Products of the columns with `base`.
         effect : Effect
             Effect with the signs of its amplitudes.
 
@@ -158,12 +177,12 @@ class Regression:
         coefficients : (k,) array
             Amplitudes.
         """
-        size = np.sqrt(np.einsum("ij,ij->j", columns, left).clip(0.0))
-        width = columns.shape[1]
+        size = np.sqrt(np.diag(normal).clip(0.0))
+        width = len(size)
         if not np.all(size > 1e-9):
             return 0.0, np.zeros(width)
-        gram = (columns / size).T @ (left / size) + 1e-9 * np.eye(width)
-        b = (columns / size).T @ self.base
+        gram = normal / np.outer(size, size) + 1e-9 * np.eye(width)
+        b = pull / size
         x = np.linalg.solve(gram, b)
         negative = [i for i, p in enumerate(effect.amplitudes) if not p.signed and x[i] < 0]
         if negative:  # a negative friction or mass counts as its standard deviation
@@ -179,7 +198,7 @@ class Regression:
         return 0.5 * float(b @ x) / self.variance, x / size
 
     def gain_of_correction(
-        self, column: Array, left: Array, effect: SensorEffect, values: dict[str, float], h: float, channels: int
+        self, normal: float, pull: float, effect: SensorEffect, values: dict[str, float], h: float, channels: int
     ) -> float:
         """Return the log-likelihood gain of a corrected recording.
 
@@ -187,8 +206,8 @@ class Regression:
 
         Parameters
         ----------
-        column, left : (rows,) array
-            Column of the correction, plain and projected off the nuisance columns.
+        normal, pull : float
+            Normal matrix of the correction's column, and the column's product with `base`.
         effect : SensorEffect
             Effect without amplitudes.
         values : dict
@@ -204,7 +223,7 @@ class Regression:
             Log-likelihood gain [nat].
         """
         before = float(self.base @ self.e)
-        after = before - 2 * float(column @ self.base) + float(column @ left)
+        after = before - 2 * pull + normal
         if not after > 0:
             return 0.0
         samples = len(self.e) / channels
@@ -234,17 +253,18 @@ def candidates_of(
     list of Candidate
         Candidates with amplitudes and log-likelihood gains, in the order of the columns.
     """
-    rows = np.asfortranarray(columns.rows, dtype=float)  # columns are contiguous
-    left = np.asfortranarray(regression.project(rows))
+    rows = np.asarray(columns.rows, dtype=float)
+    along, pull = regression.nuisance.T @ rows, regression.base @ rows
     out: list[Candidate] = []
     start = 0
     for (effect, values), width in zip(columns.effects, columns.widths, strict=True):
         part = slice(start, start + width)
+        normal = regression.normal_matrix(rows[:, part], along[:, part])
         if isinstance(effect, SensorEffect) and not effect.amplitudes:
-            gain = regression.gain_of_correction(rows[:, start], left[:, start], effect, values, h, channels)
+            gain = regression.gain_of_correction(float(normal[0, 0]), float(pull[start]), effect, values, h, channels)
             amplitudes = np.zeros(0)
         else:
-            gain, amplitudes = regression.gain(rows[:, part], left[:, part], effect)
+            gain, amplitudes = regression.gain(normal, pull[part], effect)
         start += width
         names = [p.name for p in effect.amplitudes]
         found = {**values, **dict(zip(names, amplitudes.tolist(), strict=False))} if names else dict(values)

@@ -305,7 +305,7 @@ class TrajectoryLeastSquares(LeastSquares):
             if isinstance(term.effect, ActuatorEffect):
                 for i in term.place.indices:
                     mean, moved = self._actuated(term.effect, i, given, n_sets)
-                    commanded, within = commanded + mean, within + moved
+                    commanded, within = commanded + mean, within if moved is None else within + moved
         forces = forces + commanded
         if not len(self.efforts):
             return forces, forces.copy(), within
@@ -384,7 +384,7 @@ class TrajectoryLeastSquares(LeastSquares):
 
     def _actuated(
         self, effect: ActuatorEffect, index: int, given: Mapping[str, Array], n_sets: int
-    ) -> tuple[Array, Array]:
+    ) -> tuple[Array, Array | None]:
         """Return an actuator effect's forces and motion within the intervals.
 
         The shapes are (n, n_sets, n_windows, nv) and (n, n_sets, n_windows, 2 nv).
@@ -403,7 +403,8 @@ class TrajectoryLeastSquares(LeastSquares):
         change = np.stack(series, axis=-1)  # (n, n_runs, parts, n_sets)
         forces = [moving.force_change(index, change[:, :, j]) for j in range(parts)]
         mean, moved = over_intervals(moving.stack, forces)
-        return np.moveaxis(self._cut(mean), -1, 1), np.moveaxis(self._cut(moved), -1, 1)
+        mean = np.moveaxis(self._cut(mean), -1, 1)
+        return mean, None if moved is None else np.moveaxis(self._cut(moved), -1, 1)
 
     def _sense(
         self,

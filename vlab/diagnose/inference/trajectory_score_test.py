@@ -180,26 +180,22 @@ class TrajectoryScoreTest(ScoreTest):
     def through(self, group: Group, modal: Array | None, reading: Array | None, moved: Array | None = None) -> Array:
         """See `ScoreTest`; generalised forces replace modal ones, and `moved` adds to the states."""
         s, K = self.stack, self.gains.K
-        part = modal if modal is not None else reading
-        assert part is not None
-        n, n_runs, _, k = part.shape
-        out = np.zeros((n, n_runs, s.e.shape[2], k))
-        drive = np.zeros((n, n_runs, s.A.shape[2], k))
-        if modal is not None:
-            drive += self.B @ modal
-            if np.any(s.D):
-                out += s.D @ modal
-        if reading is not None:
+        assert modal is not None or reading is not None
+        drive = self.B @ modal if modal is not None else -(K @ reading)
+        if modal is not None and reading is not None:
             drive -= K @ reading
-            out += reading
         if moved is not None:
             drive += moved
-        state = np.zeros((n_runs, s.A.shape[2], k))
-        states = np.zeros((n, *state.shape))
-        for i in range(n):
-            states[i] = state
-            state = self.L[i] @ state + drive[i]
-        return np.asarray(out + s.C @ states)
+        states = drive  # overwritten: a state takes the place of the drive that leads to the next one
+        state = np.zeros(states.shape[1:])
+        for i in range(len(states)):
+            state, states[i] = self.L[i] @ state + drive[i], state
+        out = s.C @ states
+        if modal is not None and np.any(s.D):
+            out += s.D @ modal
+        if reading is not None:
+            out += reading
+        return np.asarray(out)
 
     def force_response(self, group: Group, place: Place, frequency: Array) -> Array:
         """See `ScoreTest`; a time-varying system weights all frequencies equally."""
@@ -389,13 +385,17 @@ class TrajectoryScoreTest(ScoreTest):
         if place.kind in ("sensor", "pick-up"):
             return super().effect_responses(group, place, plans)
         both = [self._forces(group, place, effect, shape) for effect, shape in plans]
-        parts, moved = [force for force, _ in both], np.concatenate([moved for _, moved in both], axis=-1)
-        modal = np.concatenate(parts, axis=-1)
-        reading = None
+        modal, widths = np.concatenate([force for force, _ in both], axis=-1), [force.shape[-1] for force, _ in both]
+        reading = moved = None
         if np.any(self.efforts):
-            in_drive = [float(effect.acts_in_drive) * part for (effect, _), part in zip(plans, parts, strict=True)]
-            reading = self.read_late(self.efforts @ np.concatenate(in_drive, axis=-1))
-        return self.through(group, modal, reading, moved), [part.shape[-1] for part in parts]
+            in_drive = np.repeat([float(effect.acts_in_drive) for effect, _ in plans], widths)
+            reading = self.read_late(self.efforts @ modal * in_drive)
+        if any(motion is not None for _, motion in both):
+            moved = np.zeros((*modal.shape[:2], self.stack.A.shape[2], modal.shape[3]))
+            for start, (_, motion) in zip(np.cumsum([0, *widths]), both, strict=False):
+                if motion is not None:
+                    moved[..., start : start + motion.shape[-1]] = motion
+        return self.through(group, modal, reading, moved), widths
 
     def cause_responses(self, group: Group, causes: Sequence[Sequence[Cause]]) -> tuple[Array, list[int]]:
         """See `ScoreTest`; a time-varying system has no impulse response."""
@@ -411,26 +411,28 @@ class TrajectoryScoreTest(ScoreTest):
 
     def _actuated(
         self, group: Group, place: Place, effect: ActuatorEffect, shape: dict[str, float]
-    ) -> tuple[Array, Array]:
+    ) -> tuple[Array, Array | None]:
         """Return an actuator effect's forces and motion within the intervals."""
-        total, moves = np.zeros(()), np.zeros(())
+        total: Any = 0.0
+        moves: Any = None
         for i in place.indices:
             parts, before = self.parts_of(i, effect), group.commands_before[:, i]
             follow = partial(commands_changed, effect, shape=shape, h=group.h / parts, before=before)
             each = changed_in_parts(follow, group.u[..., i], parts)
             mean, moved = over_intervals(self.stack, [self.force_change(i, change) for change in each])
-            total, moves = total + mean, moves + moved
+            total, moves = total + mean, moved if moves is None else moves + moved
         return total, moves
 
-    def _forces(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> tuple[Array, Array]:
+    def _forces(
+        self, group: Group, place: Place, effect: Effect, shape: dict[str, float]
+    ) -> tuple[Array, Array | None]:
         """Return the forces of unit amplitudes, and the motion within the intervals.
 
-        The shapes are (n, n_runs, nv, k) and (n, n_runs, 2 nv, k).
+        The shapes are (n, n_runs, nv, k) and (n, n_runs, 2 nv, k). Forces that are constant over the intervals move nothing.
         """
         if isinstance(effect, ActuatorEffect):
             return self._actuated(group, place, effect, shape)
-        force = self._at_port(group, place, effect, shape)
-        return force, np.zeros((*force.shape[:2], self.stack.A.shape[2], force.shape[-1]))
+        return self._at_port(group, place, effect, shape), None
 
     def _at_port(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> Array:
         """Return the generalised forces (n, n_runs, nv, k) of unit amplitudes at a port."""

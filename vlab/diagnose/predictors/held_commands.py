@@ -40,10 +40,12 @@ def parts_of_interval(
     Returns
     -------
     int
-        `TRAJECTORY.fine`; 1 for commands that are no stairs, actuators with dynamics, and effects on the clock of the samples.
+        `TRAJECTORY.fine`; 1 for commands that are no stairs, actuators with dynamics, and effects without memory or on the clock
+        of the samples.
     """
     is_stepped = all(trajectory.is_stepped for trajectory in trajectories)
-    return TRAJECTORY.fine if is_stepped and actuator not in stepper.lags and not effect.is_clocked else 1
+    changes_within = effect.has_memory and not effect.is_clocked
+    return TRAJECTORY.fine if is_stepped and actuator not in stepper.lags and changes_within else 1
 
 
 def changed_in_parts(follow: Callable[[Array], Array], command: Array, parts: int) -> Array:
@@ -68,7 +70,7 @@ def changed_in_parts(follow: Callable[[Array], Array], command: Array, parts: in
     return np.moveaxis(change.reshape(len(command), parts, *change.shape[1:]), 1, 0)
 
 
-def over_intervals(stack: SystemBatch, forces: Sequence[Array]) -> tuple[Array, Array]:
+def over_intervals(stack: SystemBatch, forces: Sequence[Array]) -> tuple[Array, Array | None]:
     """Return the mean of the forces of parts, and the motion by their deviations.
 
     Parameters
@@ -82,11 +84,13 @@ def over_intervals(stack: SystemBatch, forces: Sequence[Array]) -> tuple[Array, 
     -------
     mean : (n, n_runs, nv, k) array
         Means over the intervals.
-    moved : (n, n_runs, 2 nv, k) array
-        Changes of the state at the end of every interval.
+    moved : (n, n_runs, 2 nv, k) array or None
+        Changes of the state at the end of every interval; None for one part.
     """
+    if len(forces) == 1:
+        return forces[0], None
     mean = np.asarray(sum(forces) / len(forces))
     moved = np.zeros((*mean.shape[:2], stack.fine_A.shape[2], mean.shape[3]))
-    for force in forces if len(forces) > 1 else ():
+    for force in forces:
         moved = stack.fine_A @ moved + stack.fine_G @ (force - mean)
     return mean, moved

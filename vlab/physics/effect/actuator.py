@@ -32,6 +32,11 @@ class ActuatorEffect(ChannelEffect):
     keeps_time: ClassVar[bool] = False
     """Whether the law runs on a clock of its own that starts with the recording, as a hold does."""
 
+    @property
+    def has_memory(self) -> bool:
+        """Whether the law remembers earlier commands, and therefore has a `stepper` of its own."""
+        return type(self).stepper is not ActuatorEffect.stepper
+
     def transfer(self, x: Array, p: Values, h: float, t: Array) -> Array:
         """See `ChannelEffect`: `actuate`."""
         return self.actuate(x, p, h)
