@@ -88,6 +88,11 @@ def _frozen(array: Any, dtype: Any) -> Any:
     return out
 
 
+def rms(values: Array) -> float:
+    """Return the root mean square of an array; 0 of an empty one."""
+    return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else 0.0
+
+
 def sample_period(time: Array) -> float:
     """Return the sample period of time stamps [s], the median interval."""
     return float(np.median(np.diff(time)))

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import signal
 
 from vlab.errors import BadRecording
-from vlab.signals import Array, Recording
+from vlab.signals import Array, Recording, rms
 
 WINDOWS = 20
 """WINDOWS [1]: default number of moving windows over a recording, overlapping by half."""
@@ -140,23 +140,19 @@ def misfit(
     return Misfit(
         channel=channel,
         unit=measured.channels[measured.index(channel)].unit,
-        nrmse=_rms(error) / size,
+        nrmse=rms(error) / size,
         vaf=1.0 - float(np.var(error)) / size**2,
         mean_error=float(np.mean(error)),
-        rms_error=_rms(error),
+        rms_error=rms(error),
         rms_ratio=size / moved if moved > 0.0 else float("inf"),
         correlation=float(np.mean((y - np.mean(y)) * own)) / (size * moved) if moved > 0.0 else 0.0,
         window_time_s=times,
-        window_nrmse=np.array([_rms(error[part]) for part in parts]) / size,
-        window_rms=np.array([_rms(y[part] - np.mean(y)) for part in parts]),
+        window_nrmse=np.array([rms(error[part]) for part in parts]) / size,
+        window_rms=np.array([rms(y[part] - np.mean(y)) for part in parts]),
         band_edges_hz=edges,
         band_share=error_power / total if total > 0 else np.zeros_like(error_power),
         band_nrmse=np.sqrt(np.divide(error_power, power, out=np.zeros_like(power), where=power > 0)),
     )
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else 0.0
 
 
 def _windows(time: Array, count: int) -> tuple[Array, list[slice]]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vlab.plants.base import ActuatorTap
-from vlab.signals import Array
+from vlab.signals import Array, rms
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,9 +58,6 @@ def actuator_efforts(
     tuple of ActuatorEffort
         One entry an actuator.
     """
-
-    def rms(values: Array) -> float:
-        return float(np.sqrt(np.mean(values**2)))
 
     return tuple(
         ActuatorEffort(

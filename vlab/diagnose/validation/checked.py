@@ -9,7 +9,7 @@ import numpy as np
 from vlab.cases.channel_map import Run
 from vlab.diagnose.data.residual_noise import incoherent_rms, is_gaussian
 from vlab.diagnose.validation.gap import Distance
-from vlab.signals import Array, Recording, longest_read
+from vlab.signals import Array, Recording, longest_read, rms
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,8 +123,3 @@ class Checked(Distance):
         nominal, calibrated, _ = self.simulated
         simulated = (nominal, calibrated, self.standing)
         return replace(self, after=self.before, channels=channels, simulated=simulated, log_ratios=np.zeros(0))
-
-
-def rms(x: Array) -> float:
-    """Return the root mean square of an array."""
-    return float(np.sqrt(np.mean(x**2)))

@@ -17,7 +17,7 @@ from vlab.diagnose.data.quantisation import SensorStep
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import VALIDATION
-from vlab.diagnose.validation.checked import Checked, rms
+from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import block_log_ratios, part_of
 from vlab.diagnose.validation.horizon import can_be_halved, is_predicted, length_of_parts, parts_of, parts_within
 from vlab.errors import BadCase, Diverged
@@ -25,7 +25,7 @@ from vlab.parallel import side_by_side
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
 from vlab.recordings.quality import held_samples
-from vlab.signals import Array, Recording, strung_together
+from vlab.signals import Array, Recording, rms, strung_together
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,7 +10,7 @@ from vlab.proof.generator.arm_commands import WAY, received
 from vlab.proof.generator.arm_models import Arm
 from vlab.proof.generator.hidden import Hidden, Scale
 from vlab.proof.generator.servo_drive import SETTLE_S, Machine
-from vlab.signals import Array
+from vlab.signals import Array, rms
 
 QUANTITIES = ("angle", "rate", "effort")
 """QUANTITIES: rows of a march, in this order."""
@@ -205,23 +205,19 @@ def scales_of(setup: ServoArm, commands: Array) -> tuple[ServoScale, ...]:
         out.append(
             ServoScale(
                 z=float(np.std(q)),
-                v=_rms(v),
+                v=rms(v),
                 slope=float(np.abs(v).max()),
                 k=float(setup.machine.number("gain")[j]),
                 m=float(inertia[j]),
                 h=1.0 / setup.rate_hz,
                 T=len(commands) / setup.rate_hz,
-                moment=_rms(f),
+                moment=rms(f),
                 most_moment=float(np.abs(f).max()),
                 limit=float(setup.machine.number("high")[j]),
-                error=_rms(wanted[:, j] - q),
+                error=rms(wanted[:, j] - q),
                 brake=float((setup.machine.number("velocity_gain") + setup.machine.number("damping"))[j]),
                 motor=float(setup.machine.number("armature")[j]),
                 payload=setup.arm.payload,
             )
         )
     return tuple(out)
-
-
-def _rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(x))))

@@ -6,7 +6,7 @@ import numpy as np
 
 from vlab.proof.generator.bench import Benign
 from vlab.proof.generator.sizing import Size
-from vlab.signals import Array
+from vlab.signals import Array, rms
 
 STEP = 1e-2
 """STEP [-]: difference of log-factors in the derivatives, over their standard deviation if that is smaller."""
@@ -68,7 +68,7 @@ class ArmRefit:
         """
         change = (y - self.null) * self._weight
         signal = (self.null - self.null.mean(axis=0)) * self._weight
-        return Size(change=_rms(change), left=self._left(y), of_signal=_rms(change) / _rms(signal))
+        return Size(change=rms(change), left=self._left(y), of_signal=rms(change) / rms(signal))
 
     def _left(self, y: Array) -> float:
         """Return the rms residual over the noise after Gauss-Newton steps."""
@@ -107,7 +107,3 @@ class ArmRefit:
         """
         change = ((y - self.null) * self._weight).ravel()
         return float(np.sqrt(np.mean((change - self._J @ (self._inverse @ (self._J.T @ change))) ** 2)))
-
-
-def _rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(x))))

@@ -9,7 +9,7 @@ from vlab.proof.generator.bench import Bench
 from vlab.proof.generator.hardware import Output
 from vlab.proof.generator.hidden import Hidden, Scale, Signals
 from vlab.proof.generator.integration import Feedback, Poles, integrate, port_rows
-from vlab.signals import Array
+from vlab.signals import Array, rms
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -158,28 +158,24 @@ def scale_at(setup: Setup, commands: Array, place: str, outputs: Array, band_hz:
     if place.startswith("actuator:"):
         u = commands[:, _index(bench, place)]
         slope = float(np.abs(np.diff(u)).max() / h)
-        return Scale(u=_rms(u), peak=float(np.abs(u).max()), slope=slope, **common)
+        return Scale(u=rms(u), peak=float(np.abs(u).max()), slope=slope, **common)
     if place.startswith("sensor:"):
         name, _, second = place.partition("/")
         y = outputs[:, _sensor(bench, name)]
         if second.startswith("coil:"):
             used = commands[:, list(bench.actuators).index(second.removeprefix("coil:"))]
-        return Scale(z=_rms(y), peak=float(np.abs(y).max()), u=_rms(used) or 1.0, **common)
+        return Scale(z=rms(y), peak=float(np.abs(y).max()), u=rms(used) or 1.0, **common)
     row = bench.places[place].row
     rows = np.array([port_rows(row, 0), port_rows(row, 1)])
     forces = setup.output.forces(commands[:, :, None], h, 1)
     motion = Poles.of(bench).response(bench.loads, forces, rows, h)[:, :, 0]
     return Scale(
-        z=_rms(motion[:, 0]),
-        v=_rms(motion[:, 1]),
+        z=rms(motion[:, 0]),
+        v=rms(motion[:, 1]),
         peak=float(np.abs(motion[:, 0]).max()),
         k=float(1.0 / (row @ np.linalg.solve(bench.K, row))),
         m=float(1.0 / (row @ np.linalg.solve(bench.M, row))),
         own=bench.places[place].stiffness,
-        u=_rms(used),
+        u=rms(used),
         **common,
     )
-
-
-def _rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(x))))

@@ -7,7 +7,7 @@ import numpy as np
 from vlab.proof.generator.bench import Bench, Benign, Blueprint
 from vlab.proof.generator.hardware import Output
 from vlab.proof.generator.integration import Poles, port_rows
-from vlab.signals import Array
+from vlab.signals import Array, rms
 
 STEP = 1e-2
 """STEP [-]: difference of log-factors in the derivatives."""
@@ -117,7 +117,7 @@ class Refit:
         thin = slice(None, len(self._forces) * self._every, self._every)
         weight = 1.0 / self._sigma[None, :, None]
         change = y[thin] - null[thin]
-        return self._left(change), _rms(change * weight) / max(_rms(null[thin] * weight), 1e-300)
+        return self._left(change), rms(change * weight) / max(rms(null[thin] * weight), 1e-300)
 
     def size(self, y: Array, null: Array) -> Size:
         """Measure the size of a change.
@@ -136,7 +136,7 @@ class Refit:
         thin = slice(None, len(self._forces) * self._every, self._every)
         change = (y - null)[thin] * weight
         left = self._left(y[thin] - null[thin])
-        return Size(change=_rms(change), left=left, of_signal=_rms(change) / max(_rms(null[thin] * weight), 1e-300))
+        return Size(change=rms(change), left=left, of_signal=rms(change) / max(rms(null[thin] * weight), 1e-300))
 
     def _left(self, change: Array) -> float:
         """Return the rms residual over the noise."""
@@ -145,7 +145,7 @@ class Refit:
         theta, rest = np.zeros(len(sd)), np.zeros(0)
         for share, louder in GROWING:
             theta, rest = self._fitted(theta, target[: round(share * len(target))], sd, louder)
-        return _rms(rest)
+        return rms(rest)
 
     def _fitted(self, theta: Array, target: Array, sd: Array, louder: float) -> tuple[Array, Array]:
         """Fit the beginning of the recordings; return parameters and residual."""
@@ -197,7 +197,3 @@ def _is_resting(benign: Benign, bench: Bench) -> bool:
 
 def _find(bench: Bench, name: str) -> int:
     return next(i for i, s in enumerate(bench.sensors) if (s.partition(":")[2] or s) == name)
-
-
-def _rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(x))))

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from vlab.lab.run_folder import DoneRun
-from vlab.signals import Array, Channel, FrequencyResponse, Recording
+from vlab.signals import Channel, FrequencyResponse, Recording, rms
 from vlab.views.figures import frf_figure, pretty_unit, spectrum_figure, to_svg, traces_figure
 from vlab.views.reports.page import Section, write_report
 from vlab.views.rerun.documents import PICTURES, run_facts
@@ -60,7 +60,7 @@ def _facts(done: DoneRun) -> Section:
     facts = run_facts(prepared.plant, recording, prepared.settings.law, prepared.hardware)
     given = {key: value for key, value in asdict(prepared.settings).items() if value not in (None, "", ())}
     levels = [
-        [c.name, pretty_unit(c.unit), _rms(recording[c.name]), float(np.abs(recording[c.name]).max())]
+        [c.name, pretty_unit(c.unit), rms(recording[c.name]), float(np.abs(recording[c.name]).max())]
         for c in recording.channels
     ]
     text = (
@@ -117,14 +117,10 @@ def _shown(recording: Recording) -> list[Channel]:
     """Return the drawn channels: drives, largest forces, first sensors."""
     driving = [c for c in recording.channels if c.is_input]
     forces = [c for c in recording.channels if c.kind == "force"]
-    forces.sort(key=lambda c: -_rms(recording[c.name]))
+    forces.sort(key=lambda c: -rms(recording[c.name]))
     sensors = [c for c in recording.channels if c.kind not in ("command", "excitation", "force")]
     chosen = {c.name for c in [*driving[:1], *forces[:2], *sensors[: CHANNELS - 3]]}
     return [c for c in recording.channels if c.name in chosen]
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _said(value: object) -> str:
