@@ -85,6 +85,10 @@ class Confirmation:
         Confirmed
             Confirmed choice.
         """
+        return self._or_rival(found, self._first_confirmed(found))
+
+    def _first_confirmed(self, found: TimeFound) -> Confirmed:
+        """Return the first hypothesis by score that MuJoCo confirms."""
         first: Confirmed | None = None
         rejected: list[tuple[str, str]] = []
         simplified: set[str] = set()
@@ -199,16 +203,28 @@ class Confirmation:
             return confirmed
         if self.problem.case.structure is None and is_prior_driven(both, single):
             return confirmed  # one effect suffices with implausible parameters only
-        one = self.confirm(alone)
-        left = []
-        for which in (confirmed, one):
-            left.append(
-                total(check(self.problem.runs, *self._models(which), horizon_s=self.problem.horizon_s), "after")
-            )
-        if not left[1] <= GAP.no_worse * left[0]:
+        one = self._first_confirmed(alone)
+        if not self._error(one) <= GAP.no_worse * self._error(confirmed):
             return confirmed
         why = f"the residual in MuJoCo is as small with {one.choice.best.label} alone"
         return replace(one, rejected=(*confirmed.rejected, *_dropped([(both.label, why)])))
+
+    def _or_rival(self, found: TimeFound, confirmed: Confirmed) -> Confirmed:
+        """Return the confirmation of the most probable other effect, where MuJoCo follows better with it.
+
+        The linearisation along a motion errs most for large effects. Where a fit leaves more than noise, this error ranks
+        the effects as much as their laws do.
+        """
+        best = confirmed.choice.best
+        if self.is_linear or len(best.terms) != 1 or best.normalised_residual <= MODEL_CHOICE.above_noise:
+            return confirmed
+        physics = best.terms[0].effect.physics
+        others = (h for h in found.hypotheses if len(h.terms) == 1 and h.terms[0].effect.physics != physics)
+        rival = self._first_confirmed(replace(found, hypotheses=tuple(others)))
+        if not rival.choice.best.terms or not GAP.no_worse * self._error(rival) < self._error(confirmed):
+            return confirmed
+        why = f"the residual in MuJoCo is smaller with {rival.choice.best.label}"
+        return replace(rival, rejected=(*confirmed.rejected, *_dropped([(best.label, why)])))
 
     def _is_confirmed(self, confirmed: Confirmed) -> bool:
         """Return whether MuJoCo closes enough of the gap.
@@ -220,6 +236,11 @@ class Confirmation:
         errors = errors_of(checked)
         gap = gap_closed(errors["before"], errors["after"], errors["noise"])
         return gap is None or gap >= VERDICT.least_to_noise
+
+    def _error(self, confirmed: Confirmed) -> float:
+        """Return the error of the extended model on the fitted recordings."""
+        checked = check(self.problem.runs, *self._models(confirmed), horizon_s=self.problem.horizon_s)
+        return total(checked, "after")
 
     def _models(self, confirmed: Confirmed) -> tuple[ExtendedModel, ExtendedModel]:
         """Return calibrated and extended model with data findings."""
