@@ -117,6 +117,22 @@ def test_a_law_that_only_the_search_believes_gives_way_to_the_next(rig, confirma
     assert done.rejected == (f"{wrong.label}: its law fits in the reduced model, but not in MuJoCo; dropped",)
 
 
+@pytest.mark.parametrize("noise", [False, True])
+def test_mujoco_decides_between_rivals_that_leave_more_than_noise(rig, confirmation, fitted, noise):
+    """A wrong law with a little more evidence gives way along a motion, unless its fit leaves noise alone."""
+    problem, along = rig[0], replace(confirmation, is_linear=False)
+    right = replace(fitted(term(problem, "cubic-stiffness", k3=K3)), normalised_residual=3.0)
+    wrong = replace(misled(fitted(term(problem, "viscous-damping", damping=1.0)), by=6.0), normalised_residual=2.9)
+    if noise:
+        wrong = replace(wrong, normalised_residual=1.0)
+    assert wrong.score > right.score
+    done = along.confirm(found_of(rig, wrong, right))
+    assert done.choice.best.label == (wrong if noise else right).label
+    assert done.rejected == (
+        () if noise else (f"{wrong.label}: the residual in MuJoCo is smaller with {right.label}; dropped",)
+    )
+
+
 @pytest.mark.slow
 def test_where_mujoco_confirms_none_the_first_is_reported_and_not_among_the_dropped(rig, confirmation, fitted):
     problem = rig[0]
