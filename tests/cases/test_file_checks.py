@@ -18,6 +18,7 @@ from file_rigs import (
 from vlab import units
 from vlab.cases.case import load_case
 from vlab.cases.checks import check_recordings
+from vlab.cases.checks.bands import bands
 from vlab.cases.compare import compare_case
 from vlab.errors import BadCase, BadUnit
 
@@ -303,3 +304,9 @@ def test_a_held_out_copy_of_a_fitted_recording_verifies_nothing(tmp_path, masses
     assert len(fatal) == 1
     assert "run3: all readings equal those of run1, which is fitted" in fatal[0]
     assert not check_recordings(masses_case(tmp_path / "other", masses)).of("fatal")
+
+
+@pytest.mark.parametrize("n", [2, 3, 9])
+def test_a_record_of_a_few_samples_has_no_bands(n):
+    t = 0.01 * np.arange(n)
+    assert len(bands(t, t, t)) == 0

@@ -24,7 +24,7 @@ from vlab.diagnose.settings import ATTEMPT, EVIDENCE, MODEL_CHOICE
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import Distance, Part, part_of, whole_gap
 from vlab.diagnose.validation.simulation import Ablations, ExtendedModel, check
-from vlab.diagnose.verdict import closes_gap, decide_verdict
+from vlab.diagnose.verdict import closes_gap, decide_verdict, fit_note
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS
 
@@ -162,9 +162,13 @@ def test_what_no_recording_kept_aside_can_verify_is_not_reported_as_found():
         idle_note, nominal=0.006, before=0.006
     )  # within one and a half times the noise: nothing else would be said
     assert verdict([idle_note], fitted) == verdict([near], fitted) == "none-of-these"
+    assert verdict([near], [replace(near, role="fit")]) == "nothing-missing"  # the fit does not ask for it, either
     assert (
-        verdict([near], [distance(role="fit", after=0.39)]) == "nothing-missing"
-    )  # the fit does not ask for it, either
+        verdict([near], [distance(role="fit", after=0.39)]) == "none-of-these"
+    )  # what the fit lacks, nothing explains
+    assert fit_note("none-of-these", [near], is_structure=False)
+    assert not fit_note("nothing-missing", [near], is_structure=False)
+    assert not fit_note("none-of-these", [distance()], is_structure=False)
     told = distance(bare=0.5, parts=(part(500.0, 0.5),))
     assert verdict([told, idle_note], fitted) == "missing-physics"  # the other one can
     assert verdict([told], fitted) == "missing-physics"

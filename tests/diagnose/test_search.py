@@ -4,12 +4,15 @@ import pytest
 import rig_oscillator
 from rigs import oscillator_case
 
+import vlab
 from vlab.cases import load_case
+from vlab.diagnose.advice import scope_note
 from vlab.diagnose.inference.model_choice import choose_model
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.search.selection import search
-from vlab.physics.catalogue import EFFECTS
+from vlab.errors import BadCase
+from vlab.physics.catalogue import CANDIDATES, EFFECTS
 
 SOME = ("coulomb-friction", "cubic-stiffness", "quadratic-drag", "added-mass", "actuator-clipping", "sensor-gain")
 
@@ -50,3 +53,16 @@ def test_the_hidden_effect_is_chosen_at_its_place_with_its_value(tmp_path):
     assert next(iter(choice.places)) == rig.place
     assert sum(choice.places.values()) == pytest.approx(1.0)
     assert choice.probability > 0.9
+
+
+def test_a_search_of_nothing_is_refused(tmp_path):
+    case = load_case(oscillator_case(tmp_path, effect="cubic-stiffness").folder)
+    with pytest.raises(BadCase, match="stop cannot act at sensor:.*nothing would be searched"):
+        vlab.diagnose(case, only=["stop"], at=[next(p.name for p in prepare(case).places if p.kind == "sensor")])
+
+
+def test_a_restricted_search_says_what_was_left_out():
+    assert scope_note(CANDIDATES, ()) == ()
+    (note,) = scope_note([EFFECTS["stop"]], ["joint:elbow"])
+    left_out = f"{len(CANDIDATES) - 1} of {len(CANDIDATES)} effects of the catalogue"
+    assert note == f"not searched, as asked: {left_out} and all places but joint:elbow"

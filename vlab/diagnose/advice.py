@@ -1,6 +1,6 @@
 """Notes of a diagnosis: possibilities not excluded, and the next measurement."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -9,7 +9,8 @@ from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.parameters.mjcf import Uncertain, prior_deviations
 from vlab.diagnose.settings import ADVICE, GAP, MODEL_CHOICE
 from vlab.diagnose.validation.gap import Distance, total, whole_gap
-from vlab.physics.catalogue import EFFECTS
+from vlab.physics.catalogue import CANDIDATES, EFFECTS
+from vlab.physics.effect import Effect
 from vlab.physics.family import separating_measurement
 from vlab.signals import Array
 
@@ -21,6 +22,28 @@ RESERVED = f"{100 * MODEL_CHOICE.lapse:.2g} % of every probability is reserved f
 def format_probability(probability: float) -> str:
     """Return a probability as text."""
     return f"{probability:.3f}" if probability >= ADVICE.least_probability else f"< {ADVICE.least_probability:g}"
+
+
+def scope_note(effects: Sequence[Effect], at: Collection[str]) -> tuple[str, ...]:
+    """Return a note on a restricted search.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        Candidate effects.
+    at : collection of str
+        Places at which effects are sought; empty for all.
+
+    Returns
+    -------
+    tuple of str
+        One note, or none.
+    """
+    names = {effect.name for effect in effects}
+    left_out = sum(effect.name not in names for effect in CANDIDATES)
+    said = [f"{left_out} of {len(CANDIDATES)} effects of the catalogue"] if left_out else []
+    said += [f"all places but {', '.join(at)}"] if at else []
+    return (f"not searched, as asked: {' and '.join(said)}",) if said else ()
 
 
 def before_heading(checked: Sequence[Distance]) -> str:

@@ -16,6 +16,7 @@ from vlab.diagnose.advice import (
     next_measurement,
     not_excluded,
     refuted_note,
+    scope_note,
     spoilt_note,
 )
 from vlab.diagnose.data.quality import assess_quality
@@ -26,7 +27,7 @@ from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed, diagnose_freque
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.inference.sensor_offset import explained_sensor_offsets, find_sensor_offsets
 from vlab.diagnose.parameters.holdout import HoldOut, moves, read_holdout
-from vlab.diagnose.parameters.locations import limited
+from vlab.diagnose.parameters.locations import check_candidates, limited
 from vlab.diagnose.parameters.mesh_correction import with_modes_of_fe
 from vlab.diagnose.parameters.shared_numbers import with_whole_gains
 from vlab.diagnose.parameters.static_offset import StaticOffset, remove_static_offsets
@@ -49,6 +50,7 @@ from vlab.diagnose.verdict import (
     coloured_noise_note,
     decide_verdict,
     explains_most,
+    fit_note,
     has_plausible_parameters,
     is_needed,
     is_partial_explanation,
@@ -141,6 +143,7 @@ def diagnose(
         whole_case=case,
         effects=effects,
         at=at,
+        scope=scope_note(effects, at),
         report=progress or (lambda share, what: None),
         began=time.monotonic(),
         deadline=Deadline.after(time_limit),
@@ -213,6 +216,8 @@ class _Pass:
         Start time of the diagnosis [s].
     deadline : Deadline
         End of the search.
+    scope : tuple of str
+        Note on a restricted search.
     told : str
         Note of an earlier pass.
     checked_file : FileCheck or None
@@ -225,6 +230,7 @@ class _Pass:
     report: Callable[[float, str], None]
     began: float
     deadline: Deadline
+    scope: tuple[str, ...] = ()
     told: str = ""
     checked_file: FileCheck | None = None
 
@@ -292,6 +298,7 @@ class _Pass:
         problem = model_class.problem
         holdout = read_holdout(problem.case, problem.names, problem.runs)
         seen = look_at_data(problem, assess_quality([*problem.runs, *holdout.runs], problem.runs, file))
+        check_candidates(self.effects, problem.places)
         effects = [] if seen.damage.fatal else self.effects
         found = model_class.search(effects, lambda share, what: self.report(0.8 * share, what), self.deadline)
         return _Searched(
@@ -447,11 +454,13 @@ class _Pass:
         return (
             *residual_note(verdict, checked, is_structure=is_structure),
             *coloured_noise_note(verdict, checked, is_structure=is_structure),
+            *fit_note(verdict, checked, is_structure=is_structure),
             *spoilt_note(checked),
             *refuted_note(checked),
             *idle_note(idle),
             *judged.notes,
             *([self.told] if self.told else []),
+            *self.scope,
             *(offset.line for offset in searched.static_offsets),
             *searched.notes,
             *searched.holdout.notes,

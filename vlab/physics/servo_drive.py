@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from vlab.physics.effect import Parameter, Values
+from vlab.physics.effect import Parameter, Values, softly_limited
 from vlab.physics.servo import SMALL, ServoEffect
 
 
@@ -37,7 +37,7 @@ class ServoSoftForceLimit(ServoEffect):
 
     def changed(self, e: Any, v: Any, p: Values) -> Any:
         """See `ServoEffect`."""
-        return p["limit"] * np.tanh(self.modelled(e, v) / p["limit"])
+        return softly_limited(self.modelled(e, v), p["limit"])
 
 
 class ServoTorqueSpeedLine(ServoEffect):

@@ -123,7 +123,7 @@ def bands(time: Array, recorded: Array, simulated: Array) -> Bands:
         Bands with enough lines and power.
     """
     freq, (Y, S) = spectra(time, recorded, simulated)
-    return bands_of_spectra(freq, Y, S, lowest=(LINES - 1) * freq[1])
+    return bands_of_spectra(freq, Y, S, lowest=(LINES - 1) * freq[1] if len(freq) > 1 else np.inf)
 
 
 def spectra(time: Array, *columns: Array) -> tuple[Array, list[ComplexArray]]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.settings import LOCATIONS
+from vlab.errors import BadCase
 from vlab.physics.attach import port_at
 from vlab.physics.effect import Effect
 from vlab.physics.running import tap_index
@@ -115,6 +116,31 @@ def is_named(place: str, at: Collection[str]) -> bool:
     """
     whole = place.partition("/")[0]
     return not {place, whole, whole.rpartition(":")[2]}.isdisjoint(at)
+
+
+def check_candidates(effects: Sequence[Effect], places: Sequence[Place]) -> None:
+    """Refuse effects of which none can act at any place.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        Candidate effects.
+    places : sequence of Place
+        Locations.
+
+    Raises
+    ------
+    BadCase
+        Nothing would be searched.
+    """
+    if any(admissible(effect, place) for effect in effects for place in places):
+        return
+    names = ", ".join(effect.name for effect in effects)
+    at = sorted({name for effect in effects for name in effect.sought_at or ()})
+    raise BadCase(
+        f"{names} cannot act at {', '.join(at) or 'any place that the recordings show'}, so nothing would be searched; "
+        "vlab effects NAME says where an effect acts"
+    )
 
 
 def admissible(effect: Effect, place: Place) -> bool:
