@@ -414,3 +414,17 @@ def test_shipped_case_is_compared(capsys):
             assert (
                 0 < misfit["nrmse"] < 2.0
             )  # the nominal 8.0 Hz drifts off the measured 8.2 Hz: at worst opposite phase
+
+
+@pytest.mark.parametrize("number", ["0", "-1", "two"])
+def test_a_number_of_processes_is_whole_and_positive(capsys, number):
+    status, _, err = run(capsys, "diagnose", "somewhere", f"--jobs={number}")
+    assert status == 2
+    assert f"'{number}' is no number of processes; accepted: whole numbers from 1" in err
+
+
+def test_the_table_says_that_a_law_acts_within_a_servo(capsys):
+    _, out, _ = run(capsys, "effects", "--family", "saturation")
+    (line,) = [line for line in out.splitlines() if "servo-torque-speed-line" in line]
+    assert "position servo" in line
+    assert "joint" not in line

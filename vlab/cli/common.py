@@ -54,6 +54,31 @@ def seed_number(text: str) -> int:
     return number
 
 
+def process_number(text: str) -> int:
+    """Return the number of processes of a command-line word.
+
+    Parameters
+    ----------
+    text : str
+        Word.
+
+    Returns
+    -------
+    int
+        Number, at least 1.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        The word is no whole number from 1.
+    """
+    if not (text.isdecimal() and int(text) > 0):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no number of processes; accepted: whole numbers from 1; leave the option out for one a core"
+        )
+    return int(text)
+
+
 def add_seed(parser: argparse.ArgumentParser, words: str, *, default: int | None = None) -> None:
     """Add the argument ``--seed``.
 

@@ -12,7 +12,7 @@ from vlab.cases.case import CASE, Case
 from vlab.cases.draft import Draft, draft_case
 from vlab.cli.case_argument import add_case
 from vlab.cli.check import check_words, write_check
-from vlab.cli.common import Outcome, share_bar, text_table
+from vlab.cli.common import Outcome, process_number, share_bar, text_table
 from vlab.cli.destination import add_out, check_out, destination
 from vlab.cli.init import add_clock, draft_words, next_command
 from vlab.diagnose.advice import RESERVED, attempt_sentence, before_heading, format_probability
@@ -83,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"found, at most {MOST_ROUNDS} times; needs --out (default: once)",
     )
     parser.add_argument(
-        "--jobs", type=int, metavar="N", help="use at most this number of processes (default: one a core)"
+        "--jobs", type=process_number, metavar="N", help="use at most this number of processes (default: one a core)"
     )
     parser.add_argument(
         "--time-limit",

@@ -43,7 +43,7 @@ REFERENCES = {
     "servo-gain": "position gain of the servo",
 }
 """Scales of a parameter's range in words."""
-SHORT = {"port": "point, joint, element", "actuator": "actuator", "sensor": "sensor"}
+SHORT = {"port": "point, joint, element", "actuator": "actuator", "sensor": "sensor", SERVO: "position servo"}
 """Places of an effect in the table."""
 MOST_NAMED = 6
 """MOST_NAMED [1]: largest number of parameters of an effect in the table."""
@@ -111,7 +111,10 @@ def _parameters(entry: dict[str, Any]) -> str:
 
 def _table(document: list[dict[str, Any]]) -> str:
     """Return the table of effects, with a line on details."""
-    rows = [[entry["family"], entry["name"], SHORT[entry["kind"]], _parameters(entry)] for entry in document]
+    rows = [
+        [entry["family"], entry["name"], SHORT.get(entry["places"], SHORT[entry["kind"]]), _parameters(entry)]
+        for entry in document
+    ]
     table = text_table(["family", "effect", "at", "parameters"], rows)
     first = document[0]["name"]
     return f"{table}\n\n{len(rows)} effects; law, places and ranges of one: vlab effects {first}"
