@@ -192,7 +192,8 @@ def has_describing_function(effect: Effect) -> bool:
     """Return whether a law acts on first harmonics, and differently at different amplitudes.
 
     Such a law is nonlinear, vanishes at rest, exerts no mean force, and shows all its parameters in the first harmonic.
-    Laws of time, commands or offsets, and laws of one side fail the test.
+    Laws of time, commands or offsets, and laws of one side fail the test. Laws within a servo act on its error, not on the
+    motion alone.
 
     Parameters
     ----------
@@ -210,7 +211,7 @@ def has_describing_function(effect: Effect) -> bool:
 @cache
 def _has_describing_function(law: type[Effect]) -> bool:
     effect = law()
-    if is_linear(effect) or effect.response != "any":
+    if is_linear(effect) or effect.response != "any" or effect.is_in_servo:
         return False
     values, a = trial_values(effect), np.array(TRIED)
     own = _tried(effect, values, a, 1.0)

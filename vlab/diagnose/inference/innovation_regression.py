@@ -137,10 +137,6 @@ class Regression:
         normal = share * self.nuisance.T @ self.nuisance + np.diag(self.precision)
         return np.asarray(scaled_inverse(normal) @ (share * (self.nuisance.T @ self.e) - self.pull))
 
-    def project(self, columns: Array) -> Array:
-        """Return columns (rows, k) projected off the nuisance columns."""
-        return np.asarray(columns - self.nuisance @ (self.gram @ (self.nuisance.T @ columns)))
-
     def normal_matrix(self, columns: Array, along: Array) -> Array:
         """Return the normal matrix (k, k) of columns projected off the nuisance columns.
 

@@ -40,7 +40,8 @@ def input_shares(
     by_name = [{s.name: s for s in signals} for signals in others]
     columns = np.concatenate([group.rows(_response(screen, group, by_name, skewed, skew_s)) for group in screen.groups])
     regression = screen.regression
-    normal, pull = columns.T @ regression.project(columns), columns.T @ regression.base
+    along = regression.nuisance.T @ columns
+    normal, pull = regression.normal_matrix(columns, along), columns.T @ regression.base
     if not np.all(np.diag(normal) > 1e-12):
         return np.zeros(len(pull)), 0.0, 0.0
     shares = np.linalg.solve(normal + 1e-9 * np.diag(np.diag(normal)), pull)
