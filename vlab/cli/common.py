@@ -45,13 +45,7 @@ def seed_number(text: str) -> int:
     argparse.ArgumentTypeError
         The word is no whole number from 0.
     """
-    try:
-        number = int(text)
-    except ValueError:
-        number = -1
-    if number < 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is no seed; accepted: whole numbers from 0")
-    return number
+    return _whole_number(text, 0, "is no seed; accepted: whole numbers from 0")
 
 
 def process_number(text: str) -> int:
@@ -72,11 +66,19 @@ def process_number(text: str) -> int:
     argparse.ArgumentTypeError
         The word is no whole number from 1.
     """
-    if not (text.isdecimal() and int(text) > 0):
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is no number of processes; accepted: whole numbers from 1; leave the option out for one a core"
-        )
-    return int(text)
+    why = "is no number of processes; accepted: whole numbers from 1; leave the option out for one a core"
+    return _whole_number(text, 1, why)
+
+
+def _whole_number(text: str, least: int, why: str) -> int:
+    """Return a whole number of at least some size, or refuse the word."""
+    try:
+        number = int(text)
+    except ValueError:
+        number = least - 1
+    if number < least:
+        raise argparse.ArgumentTypeError(f"{text!r} {why}")
+    return number
 
 
 def add_seed(parser: argparse.ArgumentParser, words: str, *, default: int | None = None) -> None:

@@ -296,9 +296,9 @@ class _Pass:
         """Return the result of the search."""
         model_class = choose_model_class(case, self.effects)
         problem = model_class.problem
+        check_candidates(self.effects, problem.places)
         holdout = read_holdout(problem.case, problem.names, problem.runs)
         seen = look_at_data(problem, assess_quality([*problem.runs, *holdout.runs], problem.runs, file))
-        check_candidates(self.effects, problem.places)
         effects = [] if seen.damage.fatal else self.effects
         found = model_class.search(effects, lambda share, what: self.report(0.8 * share, what), self.deadline)
         return _Searched(

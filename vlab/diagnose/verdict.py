@@ -1,6 +1,7 @@
 """Verdict of a diagnosis from errors on hold-out recordings."""
 
 from collections.abc import Callable, Collection, Sequence
+from functools import partial
 
 import numpy as np
 from scipy import stats
@@ -438,6 +439,7 @@ def decide_verdict(
     tests = not all(run.is_idle for run in checked)
     if is_followed and (shows or (tests and is_needed(choice, checked, is_structure=is_structure))):
         return "missing-physics"
-    if all(_follows(runs, is_structure=is_structure, is_plausible=is_plausible) for runs in (checked, fitted())):
+    follows = partial(_follows, is_structure=is_structure, is_plausible=is_plausible)
+    if follows(checked) and follows(fitted()):
         return "nothing-missing"
     return "bad-recording" if seen.damage.warnings else "none-of-these"

@@ -138,7 +138,7 @@ class Regression:
         return np.asarray(scaled_inverse(normal) @ (share * (self.nuisance.T @ self.e) - self.pull))
 
     def normal_matrix(self, columns: Array, along: Array) -> Array:
-        """Return the normal matrix (k, k) of columns projected off the nuisance columns.
+        """Return the normal matrix of columns beside the nuisance columns.
 
         Parameters
         ----------

@@ -210,9 +210,9 @@ class Confirmation:
         return replace(one, rejected=(*confirmed.rejected, *_dropped([(both.label, why)])))
 
     def _or_rival(self, found: TimeFound, confirmed: Confirmed) -> Confirmed:
-        """Return the confirmation of the most probable other effect, where MuJoCo follows better with it.
+        """Return the confirmation of the better of two rivals.
 
-        The linearisation along a motion errs most for large effects. Where a fit leaves more than noise, this error ranks
+        The rival is the most probable effect of other physics; MuJoCo must follow the recordings better with it. The linearisation along a motion errs most for large effects. Where a fit leaves more than noise, this error ranks
         the effects as much as their laws do.
         """
         best = confirmed.choice.best

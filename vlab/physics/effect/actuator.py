@@ -34,7 +34,7 @@ class ActuatorEffect(ChannelEffect):
 
     @property
     def has_memory(self) -> bool:
-        """Whether the law remembers earlier commands, and therefore has a `stepper` of its own."""
+        """Whether the law remembers earlier commands, by a `stepper`."""
         return type(self).stepper is not ActuatorEffect.stepper
 
     def transfer(self, x: Array, p: Values, h: float, t: Array) -> Array:
