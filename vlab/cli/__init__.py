@@ -59,6 +59,8 @@ OF_SYSTEM |= {errno.ENAMETOOLONG, errno.ELOOP}
 MOST_SAID = 10_000
 """MOST_SAID [characters]: longest error line; a list of all accepted names is long."""
 DEBUG = "--debug"
+OF_ALL = (DEBUG, "--json")
+"""OF_ALL: options of every command."""
 
 
 OWN_CODE = {"PYTHONSAFEPATH": "1", "NUMBA_CACHE_DIR": "", "NUMBA_CACHE_LOCATOR_CLASSES": ""}
@@ -125,12 +127,10 @@ def _check_words(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
     argparse would name a missing argument before an unknown option, and no near name.
     """
     first = next((word for word in words if not word.startswith("-")), None)
-    if first is None:
-        return
-    if first not in VERBS:
+    if first is not None and first not in VERBS:
         parser.error(f"unknown command {first!r}{_nearest(first, VERBS)} (accepted: {', '.join(VERBS)})")
-    own = parser_of(parser, first)
-    known = [*own._option_string_actions, *parser._option_string_actions]
+    own = parser if first is None else parser_of(parser, first)
+    known = [*own._option_string_actions, *parser._option_string_actions, *OF_ALL]
     for word in words:
         option = word.partition("=")[0]
         if word == "--":
@@ -193,7 +193,9 @@ def _run(words: Sequence[str]) -> int:
             (parser if chosen is None else parser_of(parser, chosen)).print_help()
             return 0
         _check_words(parser, words)
-        arguments = parser.parse_args(words)
+        arguments, unknown = parser.parse_known_args(words)
+        if unknown:
+            parser_of(parser, arguments.verb).error(f"unknown argument {unknown[0]!r}")
         module = _module(arguments.verb)
     if "mujoco" in sys.modules:  # MuJoCo would log warnings to the working folder; `check_run` reports them
         sys.modules["mujoco"].set_mju_user_warning(lambda text: None)

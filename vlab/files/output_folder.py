@@ -128,8 +128,10 @@ def check_output(path: Path | str, *, overwrite: bool = False, remedy: str = "na
         The path is a file, a folder with foreign files, or a folder of vlab without `overwrite`.
     """
     target = Path(path)
-    if target.exists() and not target.is_dir():
-        raise OutputRefused(f"the output folder {target} is a file; name another folder with --out")
+    for part in (target, *target.parents):
+        if part.exists() and not part.is_dir():
+            where = f"the output folder {target}" + ("" if part == target else f" lies in {part}, which")
+            raise OutputRefused(f"{where} is a file; name another folder with --out")
     if target.is_dir() and (not any(target.iterdir()) or _is_ours(target)):
         _check_working_folder(target)
     if not target.is_dir() or not any(target.iterdir()):

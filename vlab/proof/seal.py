@@ -133,6 +133,8 @@ def read_json(path: Path) -> Any:
         return json.loads(text, parse_float=_finite, parse_constant=_finite, parse_int=_whole)
     except FileNotFoundError:
         raise BadProof(f"{path}: there is no such file; check the folder, or conceal the cases first") from None
+    except NotADirectoryError:
+        raise BadProof(f"{Path(path).parent} is no folder of sealed cases; name the folder") from None
     except (OSError, ValueError, RecursionError) as error:
         raise BadProof(f"{path}: not readable as JSON: {error}") from error
 
