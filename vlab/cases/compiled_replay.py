@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from vlab.cases.channel_map import Run
+from vlab.cases.constant_sensors import ConstantSensors
 from vlab.cases.open_loop import CHECK_EVERY
 from vlab.cases.replay_bench import Bench, NotSafe, State
 from vlab.compilation import compiled
@@ -70,7 +71,7 @@ class Matrices(NamedTuple):
     load_rows : (n_loads, nv) array
         Jacobian rows of the loaded ports.
     dissipation, restoring : (nv, nv) array
-        Negative damping and stiffness matrix of the plant; empty for none.
+        Transposes of the negative damping and stiffness matrix of the plant; empty for none.
     at_rest : (nq,) array
         Configuration without restoring force.
     """
@@ -101,8 +102,8 @@ class Matrices(NamedTuple):
         return cls(
             controls=np.ascontiguousarray(plant.control_matrix),
             load_rows=np.array([port.row(data) for port in loaded]).reshape(-1, plant.model.nv),
-            dissipation=-own_array(plant.dissipation),
-            restoring=-own_array(plant.restoring),
+            dissipation=np.ascontiguousarray(-own_array(plant.dissipation).T),
+            restoring=np.ascontiguousarray(-own_array(plant.restoring).T),
             at_rest=plant.model.qpos0.copy(),
         )
 
@@ -239,6 +240,7 @@ def replay_compiled(
     records = Records.empty(model, n, moves=any(c.sensor is None and c.port for c in run.compared))
     inputs = Inputs(forces, present, np.ascontiguousarray(loads[1]), np.ascontiguousarray(loads[2]))
     reads_forces = bench.reads_forces(run.compared)
+    sums = ConstantSensors.of(model, set() if reads_forces else bench.addresses)
     bench.start(state)
     part = max(CHECK_EVERY // max(steps, 1), 1)
     for first in range(0, n, part):
@@ -250,6 +252,7 @@ def replay_compiled(
             inputs,
             matrices,
             records,
+            sums,
             (first, last),
             ahead=bench.ahead,
             reads_forces=reads_forces,
@@ -266,6 +269,7 @@ def run_compiled(
     inputs: Inputs,
     matrices: Matrices,
     records: Records,
+    sums: ConstantSensors,
     span: tuple[int, int],
     *,
     ahead: float,
@@ -287,6 +291,8 @@ def run_compiled(
         Matrices of the plant.
     records : Records
         Readings of the whole run, overwritten in the span.
+    sums : ConstantSensors
+        Sensor values without kinematics; none where a reading needs kinematics.
     span : tuple of int
         First reading, and reading after the last one.
     ahead : float
@@ -309,6 +315,7 @@ def run_compiled(
         inputs,
         matrices,
         records,
+        sums,
         span,
         (float(data.time), float(model.opt.timestep), ahead),
         reads_forces,
@@ -326,14 +333,16 @@ def _apply(view: Views, m: Matrices, force: Array, loads: Array, moved: Array) -
             view.ctrl[i] += m.controls[i, j] * force[j]
     for i in range(view.applied.size):
         view.applied[i] = 0.0
-        for j in range(m.dissipation.shape[0]):
-            view.applied[i] += m.dissipation[i, j] * view.qvel[j]
+    for j in range(m.dissipation.shape[0]):  # the inner loops run over independent sums, which a processor vectorises
+        speed = view.qvel[j]
+        for i in range(view.applied.size):
+            view.applied[i] += m.dissipation[j, i] * speed
     if m.restoring.shape[0] > 0:
         for i in range(moved.size):
             moved[i] = view.qpos[i] - m.at_rest[i]
-        for i in range(view.applied.size):
-            for j in range(moved.size):
-                view.applied[i] += m.restoring[i, j] * moved[j]
+        for j in range(moved.size):
+            for i in range(view.applied.size):
+                view.applied[i] += m.restoring[j, i] * moved[j]
     for load in range(loads.size):
         for i in range(view.applied.size):
             view.applied[i] += m.load_rows[load, i] * loads[load]
@@ -347,6 +356,7 @@ def _run(
     inputs: Inputs,
     m: Matrices,
     records: Records,
+    sums: ConstantSensors,
     span: tuple[int, int],
     times: tuple[float, float, float],
     reads_forces: bool,
@@ -369,13 +379,16 @@ def _run(
                 add_port_forces(model, copy, seen, ports, commands, time, False)
                 _forward_skip(model, copy, VELOCITY, 0)
                 add_effort_readings(seen, ports)
-        else:
+        elif sums.address.size == 0:
             _fwd_position(model, copy)
             _sensor_position(model, copy)
             _fwd_velocity(model, copy)
             _sensor_velocity(model, copy)
-        for i in range(records.raw.shape[1]):
+        for i in range(records.raw.shape[1] if sums.address.size == 0 else 0):
             records.raw[k, i] = seen.sensordata[i]
+        for i in range(sums.address.size):
+            motion = seen.qpos if sums.order[i] == 0 else seen.qvel
+            records.raw[k, sums.address[i]] += sums.share[i] * motion[sums.joint[i]]
         for i in range(records.qpos.shape[1]):
             records.qpos[k, i] = seen.qpos[i]
         for i in range(records.qvel.shape[1]):

@@ -131,6 +131,11 @@ class Bench:
             np.any(self.model.sensor_needstage == int(mujoco.mjtStage.mjSTAGE_ACC))
         )
 
+    @property
+    def addresses(self) -> set[int]:
+        """Sensor values of MuJoCo that the plant's sensors read."""
+        return {*np.flatnonzero(self._sum.any(axis=0)).tolist(), *np.arange(self.model.nsensordata)[self.plant.travel]}
+
     def look(self, ctrl: Array, physics: Running | None = None, loads: Loads | None = None) -> None:
         """Evaluate the present true state in the copy.
 

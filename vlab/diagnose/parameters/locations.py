@@ -30,6 +30,8 @@ class Place:
         ``"port"``, ``"body"``, ``"actuator"``, ``"sensor"``, or ``"pick-up"``: a sensor and a second signal.
     rows : (k, m) array
         Port displacement per modal coordinate; of a body or site the three rows of its centre.
+    truncated : (k, t) array
+        Port displacement per coordinate of the truncated modes; no columns where their flexibility is neglected.
     angular : bool
         Whether the port is a rotation.
     stiffness : float
@@ -57,6 +59,7 @@ class Place:
     name: str
     kind: str
     rows: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    truncated: Array = field(default_factory=lambda: np.zeros((0, 0)))
     angular: bool = False
     stiffness: float = 0.0
     stiffened_by: tuple[int, ...] = ()
@@ -260,7 +263,7 @@ def places_of(
     """
     ports: list[Place] = []
     names, data = list(plant.ports), plant.new_data()
-    rows = plant.port_rows(names) @ reduced_model.shapes
+    rows, outside = plant.port_rows(names) @ reduced_model.shapes, reduced_model.truncated.shapes
     scale = np.abs(rows).max(initial=0.0)
     free = np.eye(len(reduced_model.omega))[:, np.abs(reduced_model.omega) < LOCATIONS.free] if free is None else free
     for name, row in zip(names, rows, strict=True):
@@ -280,6 +283,8 @@ def places_of(
                 name=name,
                 kind="port",
                 rows=np.vstack([row, *(more.row(data) @ reduced_model.shapes for more in plant.ports[name].more)]),
+                truncated=np.vstack([port.row(data) for port in (plant.ports[name], *plant.ports[name].more)])
+                @ outside,
                 angular=plant.ports[name].unit == "rad",
                 stiffness=plant.own_stiffness(name),
                 coil=_coil(reduced_model, row, driven),
@@ -349,15 +354,17 @@ def _points(plant: Plant, reduced_model: ReducedModel, ports: list[Place]) -> li
     out: list[Place] = []
     for name in (f"{kind}:{own}" for kind, own in (*bodies, *sites) if own):
         port = port_at(plant, name)
-        rows = np.array([one.row(data) for one in (port, *port.more)]) @ reduced_model.shapes
+        whole = np.array([one.row(data) for one in (port, *port.more)])
+        rows = whole @ reduced_model.shapes
         if np.abs(rows).max(initial=0.0) == 0.0:
             continue
-        moving = rows[np.abs(rows).max(axis=1) > 1e-6 * np.abs(rows).max()]
+        moves = np.abs(rows).max(axis=1) > 1e-6 * np.abs(rows).max()
+        moving = rows[moves]
         if len(moving) == 1 and any(_is_parallel(p.rows[0], moving[0]) for p in ports if not p.angular):
             continue
         if any(p.rows.shape == moving.shape and _is_parallel(p.rows, moving) for p in out):
             continue  # a site at a body's centre is no second location
-        out.append(Place(name=name, kind="body", rows=moving))
+        out.append(Place(name=name, kind="body", rows=moving, truncated=whole[moves] @ reduced_model.truncated.shapes))
     return out[: LOCATIONS.most_ports]
 
 

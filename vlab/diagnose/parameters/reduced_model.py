@@ -187,6 +187,28 @@ def _modes(M: Array, K: Array) -> tuple[Array, Array, Array]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class TruncatedModes:
+    """Elastic modes outside a reduced model.
+
+    Parameters
+    ----------
+    omega : (t,) array
+        Natural frequencies [rad/s], above 0.
+    shapes : (nv, t) array
+        Mass-normalised mode shapes.
+    C : (t, t) array
+        Modal damping matrix.
+    rows : ChannelRows
+        Channels per modal coordinate.
+    """
+
+    omega: Array
+    shapes: Array
+    C: Array
+    rows: ChannelRows
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ReducedModel:
     """Reduced modal model of a plant near rest.
 
@@ -212,6 +234,8 @@ class ReducedModel:
         Uncertain sensor positions.
     damping : ModalDamping or None
         Damping stated as modal ratios.
+    outside : TruncatedModes or None
+        Elastic modes outside; None for none.
     """
 
     omega: Array
@@ -226,6 +250,16 @@ class ReducedModel:
     parts: tuple[Part, ...] = ()
     shifts: tuple[Shift, ...] = ()
     damping: ModalDamping | None = None
+    outside: TruncatedModes | None = None
+
+    @property
+    def truncated(self) -> TruncatedModes:
+        """Elastic modes outside, or an empty set of them."""
+        if self.outside is not None:
+            return self.outside
+        none = np.zeros((len(self.shapes), 0))
+        rows = self.rows.onto(np.zeros((self.m, 0)))
+        return TruncatedModes(omega=np.zeros(0), shapes=none, C=np.zeros((0, 0)), rows=rows)
 
     @property
     def m(self) -> int:

@@ -64,7 +64,7 @@ def integrate(
     known: int,
     terms: Sequence[Term],
     values: Sequence[Mapping[str, Array]],
-    ports: Sequence[int],
+    ports: tuple[Sequence[int], Sequence[Array]],
     starts: Array,
     runs: Sequence[Signals],
     substeps: int,
@@ -83,8 +83,8 @@ def integrate(
         Effects.
     values : sequence of mapping
         Parameter values (n_sets,) of every term.
-    ports : sequence of int
-        Port laws in the order of `acting_order`.
+    ports : tuple of sequence
+        Port laws in the order of `acting_order`, and their rows (m,).
     starts : (n_sets, n_runs, 2m) array
         Initial states.
     runs : sequence of Signals
@@ -97,9 +97,8 @@ def integrate(
     (n, n_sets, n_runs, n_channels) array
         Channels.
     """
-    seen = _seen_by([terms[i].place.rows[0] for i in ports], starts.shape[2] // 2)
-    n_sets = len(starts)
-    laws = [_law(terms[i], values[i], system, known + k, seen, k, runs, n_sets) for k, i in enumerate(ports)]
+    seen, n_sets = _seen_by(ports[1], starts.shape[2] // 2), len(starts)
+    laws = [_law(terms[i], values[i], system, known + k, seen, k, runs, n_sets) for k, i in enumerate(ports[0])]
     return _Marcher(system, laws, seen, runs, substeps).through(forces, starts)
 
 

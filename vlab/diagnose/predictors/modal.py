@@ -9,8 +9,9 @@ from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.parameters.reduced_model import ReducedModel, discretise
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.integration import acting_order, integrate
+from vlab.diagnose.predictors.residual_flexibility import residual_vectors
 from vlab.diagnose.settings import MODAL, RUNS
-from vlab.physics.effect import SETTLING, ActuatorEffect, LinearPortEffect, PickUp, SensorEffect
+from vlab.physics.effect import SETTLING, ActuatorEffect, LinearPortEffect, PickUp, PortEffect, SensorEffect
 from vlab.signals import Array
 
 
@@ -50,33 +51,37 @@ def channels(
     (n, n_sets, n_runs, p) array
         Channels.
     """
-    h, n_sets = runs[0].h, len(theta)
+    h, n_sets, ports = runs[0].h, len(theta), acting_order(terms)
+    finer = MODAL.finer if not is_rough and any(terms[i].effect.traits.is_nonsmooth for i in ports) else 1
+    substeps = finer * max(1, int(np.ceil(MODAL.steps_per_cycle * highest_hz * h))) if ports else 1
     M, C, K, actuator_gain, _ = reduced_model.matrices(theta)
+    places = [term.place for term in terms if isinstance(term.effect, PortEffect | LinearPortEffect)]
+    residual = residual_vectors(reduced_model, places, h / substeps)
+    M, C, K = residual.matrices(M, C, K)
     for term, own in zip(terms, values, strict=True):
         if isinstance(term.effect, LinearPortEffect):
             mass, damping, stiffness = term.effect.impedance(own, term.place.stiffness_at(theta))
-            for row in term.place.rows:
+            for row in residual.at(term.place):
                 outer = np.outer(row, row)
                 M = M + np.broadcast_to(mass, n_sets)[:, None, None] * outer
                 C = C + np.broadcast_to(damping, n_sets)[:, None, None] * outer
                 K = K + np.broadcast_to(stiffness, n_sets)[:, None, None] * outer
-    ports = acting_order(terms)
-    finer = MODAL.finer if not is_rough and any(terms[i].effect.traits.is_nonsmooth for i in ports) else 1
-    substeps = finer * max(1, int(np.ceil(MODAL.steps_per_cycle * highest_hz * h))) if ports else 1
+    rows = [residual.at(terms[i].place)[0] for i in ports]
+    pushes = np.hstack([residual.forces(reduced_model.loads), *(row[:, None] for row in rows)])
     inputs = np.concatenate(
         [
-            reduced_model.forces[None] * actuator_gain[:, None, :],
-            np.repeat(np.hstack([reduced_model.loads, *(terms[i].place.rows.T for i in ports)])[None], n_sets, axis=0),
+            residual.forces(reduced_model.forces[None] * actuator_gain[:, None, :]),
+            np.repeat(pushes[None], n_sets, axis=0),
         ],
         axis=2,
     )
-    system = discretise(M, C, K, inputs, reduced_model.rows, h / substeps)
+    system = discretise(M, C, K, inputs, residual.channels(reduced_model.rows), h / substeps)
     if reduced_model.shifts:
-        system = replace(system, C=system.C + reduced_model.shifted(theta))
-    known = inputs.shape[2] - len(ports)
+        system = replace(system, C=system.C + residual.states(reduced_model.shifted(theta)))
+    known, starts = inputs.shape[2] - len(ports), residual.states(starts)
     forces = _inputs(runs, terms, values, n_sets)
     with np.errstate(all="ignore"):  # a diverged trial keeps its large residual
-        return integrate(system, forces, known, terms, values, ports, starts, runs, substeps)
+        return integrate(system, forces, known, terms, values, (ports, rows), starts, runs, substeps)
 
 
 def _inputs(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int) -> Array:

@@ -14,7 +14,7 @@ from vlab.diagnose.parameters.mjcf_sensitivity import parts_of
 from vlab.diagnose.parameters.mode_selection import KeptModes, as_stepped, kept_modes
 from vlab.diagnose.parameters.observation import channel_rows, command_feedthrough
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns, limited, read_runs, recorded_commands
-from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, ReducedModel, Shift
+from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, ReducedModel, Shift, TruncatedModes
 from vlab.diagnose.parameters.structure import structure_parameters
 from vlab.diagnose.parameters.structure_sensitivity import (
     carried,
@@ -23,7 +23,7 @@ from vlab.diagnose.parameters.structure_sensitivity import (
     structure_shifts,
 )
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.settings import MODAL_PROBLEM, MODE_SELECTION
+from vlab.diagnose.settings import LOCATIONS, MODAL_PROBLEM, MODE_SELECTION
 from vlab.errors import BadCase
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
@@ -169,6 +169,16 @@ def _reduced_model(
         rows=replace(rows, at_a=rows.at_a @ M),  # MuJoCo's accelerations are those of its own mass matrix
         changes=changes_of(parameters),
         parts=parts,
+        outside=_truncated(modes),
+    )
+
+
+def _truncated(modes: KeptModes) -> TruncatedModes:
+    """Return the elastic modes outside the reduced model."""
+    outside = ~modes.kept & (modes.omega > LOCATIONS.free)
+    shapes = modes.shapes[:, outside]
+    return TruncatedModes(
+        omega=modes.omega[outside], shapes=shapes, C=shapes.T @ modes.linear.C @ shapes, rows=modes.rows.onto(shapes)
     )
 
 

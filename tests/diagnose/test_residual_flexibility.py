@@ -1,0 +1,107 @@
+"""Residual vectors beside the receptance of the whole model."""
+
+import numpy as np
+import pytest
+
+from vlab.cases.channel_map import Compared
+from vlab.diagnose.parameters.locations import Place
+from vlab.diagnose.parameters.observation import channel_rows
+from vlab.diagnose.parameters.reduced_model import ReducedModel, TruncatedModes
+from vlab.diagnose.predictors.residual_flexibility import residual_vectors
+
+SHORT = 1e-6
+"""SHORT [s]: integration step at which no coordinate is slowed."""
+ENDS = ("crosspiece-left", "tip-left", "beam:base-10in")
+"""Ports whose flexibility lies in truncated modes, or in modes that no sensor of the beam sees."""
+
+
+@pytest.fixture(scope="module")
+def beam_modes(composite):
+    """Return a reduced model of eight modes of the beam, and the whole linear model."""
+    linear = composite.linearise()
+    omega, shapes = linear.eigen
+    names = [tap.name for tap in composite.sensors if tap.kind == "velocity"]
+    rows = channel_rows(composite, [Compared(channel=n, sensor=i, order=1) for i, n in enumerate(names)])
+    kept = np.arange(len(omega)) < 9
+    kept[2] = False  # as an antisymmetric mode, which no sensor sees
+    outside = shapes[:, ~kept]
+    truncated = TruncatedModes(
+        omega=omega[~kept], shapes=outside, C=outside.T @ linear.C @ outside, rows=rows.onto(outside)
+    )
+    basis = shapes[:, kept]
+    M, C, K = (basis.T @ part @ basis for part in (linear.M, linear.C, linear.K))
+    reduced = ReducedModel(
+        omega=omega[kept],
+        shapes=basis,
+        M=M,
+        C=C,
+        K=K,
+        forces=np.zeros((8, 0)),
+        loads=np.zeros((8, 0)),
+        rows=rows.onto(basis),
+        changes=(),
+        outside=truncated,
+    )
+    return reduced, linear, rows
+
+
+def place_at(plant, reduced, name):
+    row = plant.port_rows([name])
+    return Place(name=name, kind="port", rows=row @ reduced.shapes, truncated=row @ reduced.truncated.shapes)
+
+
+def receptances(vectors, reduced, place, hz):
+    """Return motion of the port and the channels' velocities under a unit force."""
+    M, C, K = (part[0] for part in vectors.matrices(reduced.M[None], reduced.C[None], reduced.K[None]))
+    row, channels = vectors.at(place)[0], vectors.channels(reduced.rows)
+    s = 2j * np.pi * hz
+    motion = np.linalg.solve(s**2 * M + s * C + K, row)
+    return row @ motion, (channels.at_q + s * channels.at_v) @ motion
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_the_receptance_is_that_of_the_whole_model(name, composite, beam_modes):
+    reduced, linear, rows = beam_modes
+    place, force = place_at(composite, reduced, name), composite.port_rows([name])[0]
+    vectors = residual_vectors(reduced, [place], SHORT)
+    bare = residual_vectors(reduced, [], SHORT)
+    for hz in (0.0, 1.0, 6.0, 12.0, 30.0):
+        s = 2j * np.pi * hz
+        motion = np.linalg.solve(s**2 * linear.M + s * linear.C + linear.K, force)
+        whole, seen = force @ motion, (rows.at_q + s * rows.at_v) @ motion
+        port, channels = receptances(vectors, reduced, place, hz)
+        assert abs(port - whole) < (1e-9 if hz == 0.0 else 2e-3) * abs(whole)
+        assert np.abs(channels - seen).max() < 5e-3 * np.abs(seen).max() + 1e-12
+        assert abs(receptances(bare, reduced, place, hz)[0] - whole) > 0.02 * abs(whole)  # modal truncation alone
+
+
+def test_two_ends_of_one_element_have_one_basis(composite, beam_modes):
+    reduced, linear, _ = beam_modes
+    places = [place_at(composite, reduced, name) for name in ("crosspiece-left", "crosspiece-left", "clamp")]
+    vectors = residual_vectors(reduced, places, SHORT)
+    assert vectors.r == 6
+    force = composite.port_rows(["crosspiece-left", "clamp"])
+    K = vectors.matrices(reduced.M[None], reduced.C[None], reduced.K[None])[2][0]
+    rows = np.vstack([vectors.at(places[0]), vectors.at(places[2])])
+    assert rows @ np.linalg.solve(K, rows.T) == pytest.approx(force @ np.linalg.solve(linear.K, force.T), rel=1e-8)
+
+
+def test_slow_coordinates_keep_the_flexibility(composite, beam_modes):
+    reduced, linear, _ = beam_modes
+    place, force = place_at(composite, reduced, "crosspiece-left"), composite.port_rows(["crosspiece-left"])[0]
+    h = 2e-3
+    vectors = residual_vectors(reduced, [place], h)
+    assert vectors.omega.max() <= (1.0 + 1e-12) / h
+    static, _ = receptances(vectors, reduced, place, 0.0)
+    assert static == pytest.approx(force @ np.linalg.solve(linear.K, force), rel=1e-9)
+
+
+def test_states_and_forces_of_the_modes_stay(composite, beam_modes):
+    reduced, _, _ = beam_modes
+    vectors = residual_vectors(reduced, [place_at(composite, reduced, "clamp")], SHORT)
+    states, forces = np.arange(32.0).reshape(2, 16), np.arange(24.0).reshape(8, 3)
+    wide = vectors.states(states)
+    assert wide.shape == (2, 16 + 2 * vectors.r)
+    assert np.array_equal(wide[:, [*range(8), *range(8 + vectors.r, 16 + vectors.r)]], states)
+    assert np.array_equal(vectors.forces(forces)[:8], forces)
+    assert not vectors.forces(forces)[8:].any()
