@@ -8,6 +8,7 @@ import numpy as np
 from vlab.diagnose.inference.evidence import Hypothesis, scored
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term, is_meant, of_element
+from vlab.diagnose.parameters.tolerance import is_within_tolerance
 from vlab.diagnose.settings import FIT, HYPOTHESIS_FITS
 from vlab.parallel import side_by_side
 from vlab.signals import Array
@@ -335,6 +336,33 @@ def as_meant(whole: LeastSquares, hypotheses: Sequence[Hypothesis]) -> list[Hypo
     """
     found = side_by_side(lambda h: h if is_meant(h.long_fit.terms) else _from_elements(whole, h), list(hypotheses))
     return [h for h in found if is_meant(h.long_fit.terms)]
+
+
+def beyond_tolerance(whole: LeastSquares, hypotheses: Sequence[Hypothesis], enough: float) -> list[Hypothesis]:
+    """Return the hypotheses without linear effects within the stated uncertainty.
+
+    Beside other errors of the model, such an effect absorbs a part of them. It stays where it explains the recordings.
+
+    Parameters
+    ----------
+    whole : LeastSquares
+        Whole runs.
+    hypotheses : sequence of Hypothesis
+        Hypotheses.
+    enough : float
+        Normalised residual of an explanation.
+
+    Returns
+    -------
+    list of Hypothesis
+        Hypotheses.
+    """
+    problem = whole.problem
+
+    def is_small(h: Hypothesis) -> bool:
+        return any(is_within_tolerance(t, problem.reduced_model, problem.parameters) for t in h.long_fit.terms)
+
+    return [h for h in hypotheses if h.normalised_residual <= enough or not is_small(h)]
 
 
 def _from_elements(whole: LeastSquares, hypothesis: Hypothesis) -> Hypothesis:

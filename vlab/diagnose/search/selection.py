@@ -8,6 +8,7 @@ import numpy as np
 from vlab.diagnose.inference.evidence import Found, Hypothesis, weighed
 from vlab.diagnose.inference.hypothesis_fits import (
     as_meant,
+    beyond_tolerance,
     by_score,
     each_fitted,
     finished,
@@ -142,9 +143,9 @@ def search(
     selection = ForwardSelection(
         before=before, windows=narrow, whole=whole, candidates=candidates, enough=least, deadline=deadline
     )
-    hypotheses = selection.extend(hypotheses)
+    hypotheses = beyond_tolerance(whole, as_meant(whole, selection.extend(hypotheses)), enough)
     shares = (whole.noise_share, whole.error_share, whole.effective_samples, whole.integration_share)
-    before, *hypotheses = weighed([before, *as_meant(whole, hypotheses)], *shares)
+    before, *hypotheses = weighed([before, *hypotheses], *shares)
     hypotheses = by_score(hypotheses)
     places = other_places(rough, hypotheses[0], candidates, before.fit) if hypotheses else {}
     places = {name: replace(h, effective_samples=before.effective_samples) for name, h in places.items()}

@@ -45,6 +45,7 @@ from vlab.diagnose.settings.parameters import (
     STATIC_OFFSET,
     STRUCTURE_PRIORS,
     TERMS,
+    TOLERANCE,
 )
 from vlab.diagnose.settings.precheck import PRECHECK
 from vlab.diagnose.settings.predictors import (
@@ -165,6 +166,7 @@ __all__ = [
     "STEP_JACOBIAN",
     "STRUCTURE_PRIORS",
     "TERMS",
+    "TOLERANCE",
     "TRAJECTORY",
     "TRAJECTORY_DATA",
     "TRAJECTORY_FIT",
@@ -218,6 +220,7 @@ SETTINGS: dict[str, Any] = {
     "parameters.static_offset": STATIC_OFFSET,
     "parameters.structure": STRUCTURE_PRIORS,
     "parameters.terms": TERMS,
+    "parameters.tolerance": TOLERANCE,
     "precheck.precheck": PRECHECK,
     "predictors.equivalent_table": EQUIVALENT_TABLE,
     "predictors.error_growth": ERROR_GROWTH,

@@ -162,6 +162,15 @@ class TermsSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ToleranceSettings:
+    """Settings of `vlab.diagnose.parameters.tolerance`."""
+
+    most: float = 2.0
+    """most [sd]: largest change of a modal mass, damping or stiffness within the stated uncertainty, above 0; default for
+    the 95 % that a tolerance states. Raising it drops more small linear effects."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class ProblemSettings:
     """Settings of `vlab.diagnose.problem`."""
 
@@ -189,4 +198,5 @@ REDUCED_MODEL = ReducedModelSettings()
 STATIC_OFFSET = StaticOffsetSettings()
 STRUCTURE_PRIORS = StructurePriorsSettings()
 TERMS = TermsSettings()
+TOLERANCE = ToleranceSettings()
 PROBLEM = ProblemSettings()
