@@ -102,6 +102,19 @@ def test_a_partial_explanation_needs_the_larger_part_of_the_posterior_in_its_fam
     assert not is_partial_explanation(attempt, choice(coulomb_friction=0.3, added_mass=0.5))
 
 
+@pytest.mark.parametrize(("effect", "after", "stands"), [("added-mass", 0.32, False), ("attached-oscillator", 0.32, False), ("added-mass", 0.2, True), ("coulomb-friction", 0.32, True)])  # fmt: skip
+def test_linear_elements_of_a_structure_explain_more_than_they_leave(effect, after, stands):
+    """Wrong masses and stiffnesses of the mesh act like one."""
+    checked = (distance(nominal=0.5, calibrated=0.4, after=after, log_ratios=BETTER),)
+    own = replace(finding(effect), family=EFFECTS[effect].family)
+    attempt = Attempt(
+        findings=(own,), checked=checked, fit=fit_of(Term(effect=EFFECTS[effect], place=PLACE, values={}))
+    )
+    of = choice(**{effect.replace("-", "_"): 0.9})
+    assert is_partial_explanation(attempt, of)
+    assert is_partial_explanation(attempt, of, is_structure=True) is stands
+
+
 def test_another_error_of_a_refuted_model_is_as_likely_as_its_effect():
     of = [finding("coulomb-friction")], choice(coulomb_friction=0.9, added_mass=0.1), 0.6
     assert graded(*of, is_plausible=False)[0].probability == pytest.approx(0.5 * graded(*of)[0].probability)

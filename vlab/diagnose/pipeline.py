@@ -386,7 +386,7 @@ class _Pass:
         """Return a partial explanation where an attempt is one, otherwise the best attempt."""
         assert judged.tried is not None
         others = (h for h in searched.found.hypotheses if h.label != judged.choice.best.label)
-        is_partial = partial(is_partial_explanation, choice=judged.choice)
+        is_partial = partial(is_partial_explanation, choice=judged.choice, is_structure=searched.is_structure)
         attempt = best_attempt(judged.tried, (trials.of_hypothesis(h, self.effects) for h in others), is_partial)
         if attempt is None or not is_partial(attempt):
             return replace(judged, attempt=attempt)

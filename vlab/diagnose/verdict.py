@@ -9,7 +9,7 @@ from scipy import stats
 from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.diagnosis import NAMING, Attempt, Verdict
 from vlab.diagnose.inference.model_choice import Choice
-from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.settings import EVIDENCE, GAP, MODEL_CHOICE, PROBLEM, VERDICT
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import Distance, gap_closed, predicts_better, total, verifying
@@ -303,10 +303,11 @@ def family_share(choice: Choice, families: Collection[str]) -> float:
     return sum(p for p, is_own in shares if is_own) / max(sum(p for p, _ in shares), 1e-300)
 
 
-def is_partial_explanation(attempt: Attempt, choice: Choice) -> bool:
+def is_partial_explanation(attempt: Attempt, choice: Choice, *, is_structure: bool = False) -> bool:
     """Return whether an attempt is a partial explanation.
 
-    Its effects generalise, and their families have more than half of the posterior of all fitted effects.
+    Its effects generalise, and their families have more than half of the posterior of all fitted effects. Linear elements of
+    a structure must explain more than they leave, since they absorb a part of any error of mesh, masses and stiffnesses.
 
     Parameters
     ----------
@@ -314,6 +315,8 @@ def is_partial_explanation(attempt: Attempt, choice: Choice) -> bool:
         Attempt with errors on hold-out data.
     choice : Choice
         Choice with its ranking.
+    is_structure : bool
+        Whether mesh error counts as model error.
 
     Returns
     -------
@@ -322,7 +325,8 @@ def is_partial_explanation(attempt: Attempt, choice: Choice) -> bool:
     """
     families = {finding.family for finding in attempt.findings}
     is_held_out = all(c.role == "holdout" for c in attempt.checked)
-    return is_held_out and explains_part(attempt.checked) and family_share(choice, families) > 0.5
+    explains = explains_most if is_structure and _are_linear_elements(attempt.fit.terms) else explains_part
+    return is_held_out and explains(attempt.checked) and family_share(choice, families) > 0.5
 
 
 def has_plausible_parameters(fit: Fit) -> bool:
@@ -367,9 +371,9 @@ def _accepts(fit: Fit, departure: float) -> bool:
     return bool(departure <= stats.chi2.ppf(1.0 - VERDICT.false_alarm_rate, max(fit.theta.size, 1)))
 
 
-def _is_like_mesh_error(choice: Choice) -> bool:
-    """Return whether all effects are linear elements of the structure."""
-    effects = [term.effect for term in choice.best.terms]
+def _are_linear_elements(terms: Sequence[Term]) -> bool:
+    """Return whether all effects are linear elements of the structure, as mesh error is."""
+    effects = [term.effect for term in terms]
     return bool(effects) and all(effect.kind == "port" and is_linear(effect) for effect in effects)
 
 
@@ -423,7 +427,7 @@ def decide_verdict(
         return "bad-recording"
     errors = errors_of(checked)
     unexplained = _shows("before", errors, is_structure=is_structure)
-    if is_structure and not unexplained and not seen.is_missing and _is_like_mesh_error(choice):
+    if is_structure and not unexplained and not seen.is_missing and _are_linear_elements(choice.best.terms):
         return "nothing-missing"
     if not seen.is_missing and is_of_the_fit_alone(checked, fitted, is_structure=is_structure):
         return "none-of-these"
