@@ -102,8 +102,8 @@ def test_a_partial_explanation_needs_the_larger_part_of_the_posterior_in_its_fam
     assert not is_partial_explanation(attempt, choice(coulomb_friction=0.3, added_mass=0.5))
 
 
-@pytest.mark.parametrize(("effect", "after", "stands"), [("added-mass", 0.32, False), ("attached-oscillator", 0.32, False), ("added-mass", 0.2, True), ("coulomb-friction", 0.32, True)])  # fmt: skip
-def test_linear_elements_of_a_structure_explain_more_than_they_leave(effect, after, stands):
+@pytest.mark.parametrize(("effect", "after", "stands"), [("added-mass", 0.32, False), ("attached-oscillator", 0.32, False), ("misplaced-sensor", 0.32, False), ("added-mass", 0.2, True), ("coulomb-friction", 0.32, True)])  # fmt: skip
+def test_linear_effects_in_a_structure_explain_more_than_they_leave(effect, after, stands):
     """Wrong masses and stiffnesses of the mesh act like one."""
     checked = (distance(nominal=0.5, calibrated=0.4, after=after, log_ratios=BETTER),)
     own = replace(finding(effect), family=EFFECTS[effect].family)

@@ -306,8 +306,8 @@ def family_share(choice: Choice, families: Collection[str]) -> float:
 def is_partial_explanation(attempt: Attempt, choice: Choice, *, is_structure: bool = False) -> bool:
     """Return whether an attempt is a partial explanation.
 
-    Its effects generalise, and their families have more than half of the posterior of all fitted effects. Linear elements of
-    a structure must explain more than they leave, since they absorb a part of any error of mesh, masses and stiffnesses.
+    Its effects generalise, and their families have more than half of the posterior of all fitted effects. Linear effects in a
+    structure must explain more than they leave, since they absorb a part of any error of mesh, masses and stiffnesses.
 
     Parameters
     ----------
@@ -325,7 +325,8 @@ def is_partial_explanation(attempt: Attempt, choice: Choice, *, is_structure: bo
     """
     families = {finding.family for finding in attempt.findings}
     is_held_out = all(c.role == "holdout" for c in attempt.checked)
-    explains = explains_most if is_structure and _are_linear_elements(attempt.fit.terms) else explains_part
+    is_like_mesh_error = is_structure and _are_linear(attempt.fit.terms)
+    explains = explains_most if is_like_mesh_error else explains_part
     return is_held_out and explains(attempt.checked) and family_share(choice, families) > 0.5
 
 
@@ -371,10 +372,10 @@ def _accepts(fit: Fit, departure: float) -> bool:
     return bool(departure <= stats.chi2.ppf(1.0 - VERDICT.false_alarm_rate, max(fit.theta.size, 1)))
 
 
-def _are_linear_elements(terms: Sequence[Term]) -> bool:
-    """Return whether all effects are linear elements of the structure, as mesh error is."""
+def _are_linear(terms: Sequence[Term], kinds: Collection[str] = ("port", "actuator", "sensor")) -> bool:
+    """Return whether all effects are linear and of some kinds."""
     effects = [term.effect for term in terms]
-    return bool(effects) and all(effect.kind == "port" and is_linear(effect) for effect in effects)
+    return bool(effects) and all(effect.kind in kinds and is_linear(effect) for effect in effects)
 
 
 def _follows(checked: Sequence[Checked], *, is_structure: bool, is_plausible: bool) -> bool:
@@ -427,7 +428,7 @@ def decide_verdict(
         return "bad-recording"
     errors = errors_of(checked)
     unexplained = _shows("before", errors, is_structure=is_structure)
-    if is_structure and not unexplained and not seen.is_missing and _are_linear_elements(choice.best.terms):
+    if is_structure and not unexplained and not seen.is_missing and _are_linear(choice.best.terms, ("port",)):
         return "nothing-missing"
     if not seen.is_missing and is_of_the_fit_alone(checked, fitted, is_structure=is_structure):
         return "none-of-these"
