@@ -1,5 +1,7 @@
 """Residual vectors beside the receptance of the whole model."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -84,6 +86,28 @@ def test_two_ends_of_one_element_have_one_basis(composite, beam_modes):
     K = vectors.matrices(reduced.M[None], reduced.C[None], reduced.K[None])[2][0]
     rows = np.vstack([vectors.at(places[0]), vectors.at(places[2])])
     assert rows @ np.linalg.solve(K, rows.T) == pytest.approx(force @ np.linalg.solve(linear.K, force.T), rel=1e-8)
+
+
+def test_more_ports_than_truncated_modes_have_the_whole_space(composite, beam_modes):
+    reduced, _linear, _ = beam_modes
+    names = [name for name, port in composite.ports.items() if not port.tag]
+    places = [place_at(composite, reduced, name) for name in names]
+    vectors = residual_vectors(reduced, places, SHORT)
+    assert vectors.r <= len(reduced.truncated.omega) < 3 * len(places)
+    apart = np.abs(vectors.omega[:, None] / reduced.truncated.omega - 1.0).min(axis=1)
+    assert apart.max() < 1e-6  # the modes themselves, but those that no port moves
+    assert np.isfinite(vectors.basis).all()
+
+
+@pytest.mark.parametrize("which", ["none", "one"])
+def test_without_truncated_modes_nothing_changes(which, composite, beam_modes):
+    reduced, _, _ = beam_modes
+    whole = replace(reduced, outside=None)
+    places = [place_at(composite, whole, "clamp")] if which == "one" else []
+    vectors = residual_vectors(whole, places, SHORT)
+    assert vectors.r == 0
+    assert vectors.matrices(reduced.M, reduced.C, reduced.K)[0] is reduced.M
+    assert np.array_equal(vectors.channels(whole.rows).at_q, whole.rows.at_q)
 
 
 def test_slow_coordinates_keep_the_flexibility(composite, beam_modes):

@@ -114,12 +114,16 @@ def residual_vectors(reduced_model: ReducedModel, places: Sequence[Place], h: fl
 
 def _basis(forces: Sequence[Array], omega: Array) -> Array:
     """Return an orthonormal basis (t, r) of the residual vectors of forces (t,)."""
-    out, vectors = np.zeros((len(omega), 0)), np.array(forces).reshape(-1, len(omega)).T
-    for _ in range(MODAL.residual_vectors if vectors.size else 0):
+    out = np.zeros((len(omega), 0))
+    if not (forces and omega.size):
+        return out
+    vectors = np.array(forces).T
+    for _ in range(MODAL.residual_vectors):
         vectors = vectors / omega[:, None] ** 2
+        vectors = vectors / np.maximum(np.linalg.norm(vectors, axis=0), np.finfo(float).tiny)
         for _ in range(2):  # once more against rounding
             vectors = vectors - out @ (out.T @ vectors)
         left, size, _ = np.linalg.svd(vectors, full_matrices=False)
-        vectors = left[:, size > MODAL.independent * max(size.max(), 1e-300)]
+        vectors = left[:, size > MODAL.independent]
         out = np.hstack([out, vectors])
     return out

@@ -149,7 +149,7 @@ class ModalSettings:
     the beam (one concealed case): the errors against MuJoCo are 41 % with one, 1.3 % with two and 0.8 % with three.
     Raising it costs time."""
     independent: float = 1e-9
-    """independent [1]: least singular value of residual vectors over the largest for a direction of its own, 0 to 1;
+    """independent [1]: least part of a unit residual vector outside the others for a direction of its own, 0 to 1;
     default above rounding. Raising it merges close ports."""
 
 
