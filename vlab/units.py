@@ -75,6 +75,11 @@ ANGULAR = {"kg": "kg m^2", "N": "N m", "m": "rad", "N/m": "N m/rad", "N s/m": "N
 """Units at a rotation by units at a translation."""
 
 
+def quantity(value: float, unit: str) -> str:
+    """Return a value with its unit as text; a dimensionless value alone."""
+    return f"{value:.4g} {unit}" if unit not in ("", "1") else f"{value:.4g}"
+
+
 def at_rotation(unit: str) -> str:
     """Return a unit at a rotation, with moments and angles.
 

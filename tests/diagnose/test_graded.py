@@ -102,15 +102,12 @@ def test_a_partial_explanation_needs_the_larger_part_of_the_posterior_in_its_fam
     assert not is_partial_explanation(attempt, choice(coulomb_friction=0.3, added_mass=0.5))
 
 
-@pytest.mark.parametrize(("effect", "after", "stands"), [("added-mass", 0.32, False), ("attached-oscillator", 0.32, False), ("misplaced-sensor", 0.32, False), ("added-mass", 0.2, True), ("coulomb-friction", 0.32, True)])  # fmt: skip
-def test_linear_effects_in_a_structure_explain_more_than_they_leave(effect, after, stands):
-    """Wrong masses and stiffnesses of the mesh act like one."""
+@pytest.mark.parametrize(("after", "stands"), [(0.32, False), (0.28, True)])
+def test_effects_in_a_structure_explain_more_than_they_leave(after, stands):
+    """Half of the mean square is left at 0.283 of 0.4; any effect absorbs a part of the mesh's errors."""
     checked = (distance(nominal=0.5, calibrated=0.4, after=after, log_ratios=BETTER),)
-    own = replace(finding(effect), family=EFFECTS[effect].family)
-    attempt = Attempt(
-        findings=(own,), checked=checked, fit=fit_of(Term(effect=EFFECTS[effect], place=PLACE, values={}))
-    )
-    of = choice(**{effect.replace("-", "_"): 0.9})
+    own = replace(finding("added-mass"), family=EFFECTS["added-mass"].family)
+    attempt, of = Attempt(findings=(own,), checked=checked, fit=fit_of()), choice(added_mass=0.9)
     assert is_partial_explanation(attempt, of)
     assert is_partial_explanation(attempt, of, is_structure=True) is stands
 

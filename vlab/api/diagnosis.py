@@ -21,6 +21,7 @@ from vlab.physics.catalogue import CANDIDATES, EFFECTS, effect_named
 from vlab.physics.effect import Effect
 from vlab.plants.base import Plant
 from vlab.plants.mjcf import MjcfPlant
+from vlab.units import quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -193,7 +194,7 @@ class Diagnosis:
         sentence = self._reason() if isinstance(self.done, RejectedCase) else verdict_sentence(self.done)
         parts = [f"<p><b>{html.escape(self.verdict)}</b>: {html.escape(sentence)}</p>"]
         rows = [
-            [f.name, place, f"{name} = {p['value']:.4g} {p['unit']}", f"{p['ci90'][0]:.4g} to {p['ci90'][1]:.4g}"]
+            [f.name, place, f"{name} = {quantity(p['value'], p['unit'])}", f"{p['ci90'][0]:.4g} to {p['ci90'][1]:.4g}"]
             for f in self.findings
             for place, parameters in f.places
             for name, p in parameters.items()

@@ -22,6 +22,7 @@ from vlab.errors import BadCase, BadExperiment
 from vlab.files.output_folder import check_output, output_folder, write_manifest
 from vlab.files.text import in_line
 from vlab.standalone.answer import FOLDER, PATCH
+from vlab.units import quantity
 
 MOST_ROUNDS = 5
 """MOST_ROUNDS [1]: largest number of diagnoses of ``--until-noise``."""
@@ -319,7 +320,7 @@ def _values(finding: Finding) -> list[str]:
         where = f" at {in_line(place)}" if finding.elsewhere else ""
         for name, p in parameters.items():
             interval = f"90 %: {p['ci90'][0]:.4g} to {p['ci90'][1]:.4g}"
-            lines.append(f"  {name}{where} = {p['value']:.4g} {p['unit']}   ({interval})")
+            lines.append(f"  {name}{where} = {quantity(p['value'], p['unit'])}   ({interval})")
     return lines
 
 

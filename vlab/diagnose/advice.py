@@ -214,8 +214,8 @@ def implausible_parameters(parameters: Sequence[Uncertain], theta: Array) -> tup
 
 def _change(parameter: Uncertain, value: float) -> str:
     if parameter.shifted:
-        return f"{100.0 * value:+.2g} % of the radius of gyration"
-    return f"{1e3 * value:+.2g} mm" if parameter.kind == "place" else f"{100.0 * float(np.expm1(value)):+.2g} %"
+        return f"{100.0 * value:+.3g} % of the radius of gyration"
+    return f"{1e3 * value:+.2g} mm" if parameter.kind == "place" else f"{100.0 * float(np.expm1(value)):+.3g} %"
 
 
 def next_measurement(choice: Choice, verdict: str, shown: Sequence[str] = (), attempt: Attempt | None = None) -> str:

@@ -9,7 +9,7 @@ from scipy import stats
 from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.diagnosis import NAMING, Attempt, Verdict
 from vlab.diagnose.inference.model_choice import Choice
-from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.settings import EVIDENCE, GAP, MODEL_CHOICE, PROBLEM, VERDICT
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import Distance, gap_closed, predicts_better, total, verifying
@@ -306,8 +306,8 @@ def family_share(choice: Choice, families: Collection[str]) -> float:
 def is_partial_explanation(attempt: Attempt, choice: Choice, *, is_structure: bool = False) -> bool:
     """Return whether an attempt is a partial explanation.
 
-    Its effects generalise, and their families have more than half of the posterior of all fitted effects. Linear effects in a
-    structure must explain more than they leave, since they absorb a part of any error of mesh, masses and stiffnesses.
+    Its effects generalise, and their families have more than half of the posterior of all fitted effects. In a structure they
+    must explain more than they leave, since any effect absorbs a part of the errors of mesh, masses and stiffnesses.
 
     Parameters
     ----------
@@ -325,8 +325,7 @@ def is_partial_explanation(attempt: Attempt, choice: Choice, *, is_structure: bo
     """
     families = {finding.family for finding in attempt.findings}
     is_held_out = all(c.role == "holdout" for c in attempt.checked)
-    is_like_mesh_error = is_structure and _are_linear(attempt.fit.terms)
-    explains = explains_most if is_like_mesh_error else explains_part
+    explains = explains_most if is_structure else explains_part
     return is_held_out and explains(attempt.checked) and family_share(choice, families) > 0.5
 
 
@@ -372,10 +371,10 @@ def _accepts(fit: Fit, departure: float) -> bool:
     return bool(departure <= stats.chi2.ppf(1.0 - VERDICT.false_alarm_rate, max(fit.theta.size, 1)))
 
 
-def _are_linear(terms: Sequence[Term], kinds: Collection[str] = ("port", "actuator", "sensor")) -> bool:
-    """Return whether all effects are linear and of some kinds."""
-    effects = [term.effect for term in terms]
-    return bool(effects) and all(effect.kind in kinds and is_linear(effect) for effect in effects)
+def _is_like_mesh_error(choice: Choice) -> bool:
+    """Return whether all effects are linear elements of the structure."""
+    effects = [term.effect for term in choice.best.terms]
+    return bool(effects) and all(effect.kind == "port" and is_linear(effect) for effect in effects)
 
 
 def _follows(checked: Sequence[Checked], *, is_structure: bool, is_plausible: bool) -> bool:
@@ -428,7 +427,7 @@ def decide_verdict(
         return "bad-recording"
     errors = errors_of(checked)
     unexplained = _shows("before", errors, is_structure=is_structure)
-    if is_structure and not unexplained and not seen.is_missing and _are_linear(choice.best.terms, ("port",)):
+    if is_structure and not unexplained and not seen.is_missing and _is_like_mesh_error(choice):
         return "nothing-missing"
     if not seen.is_missing and is_of_the_fit_alone(checked, fitted, is_structure=is_structure):
         return "none-of-these"

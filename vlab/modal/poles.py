@@ -264,7 +264,7 @@ def _checked(
         span = f"{frf.freq[0]:g} to {frf.freq[-1]:g} Hz" if frf.freq.size else "none"
         raise BadRecording(
             f"{used.freq.size} usable lines between {low:g} and {high:g} Hz (the response has {frf.freq.size}: {span}); "
-            "at least 8 are needed: widen band_hz or measure longer"
+            "at least 8 are needed: search a wider band or measure longer"
         )
     if not np.any(used.H):
         raise BadRecording("all responses in the band are zero")
@@ -324,7 +324,7 @@ def _report(
     if modes.size == 0:
         raise BadRecording(
             f"no mode found from {used.freq[0]:g} to {used.freq[-1]:g} Hz ({len(poles)} uncertain poles); look at coherence "
-            "and leakage, widen band_hz, raise orders or give n_modes"
+            "and leakage, measure longer, search a wider band, or state the number of modes"
         )
     scale = np.sqrt(np.maximum(np.diag(state.normal), 1e-300))
     covariance = np.linalg.pinv(state.normal / np.outer(scale, scale), hermitian=True) * problem.noise(state)

@@ -22,7 +22,7 @@ from vlab.files.text import as_sentence
 from vlab.physics.catalogue import EFFECTS
 from vlab.recordings.files import written_whole
 from vlab.standalone.answer import FOLDER
-from vlab.views.figures import to_svg
+from vlab.views.figures import pretty_unit, to_svg
 from vlab.views.figures.diagnosis import (
     calibration_figure,
     force_figure,
@@ -224,7 +224,14 @@ def _found(done: Done) -> Section:
 def _values(findings: Sequence[Finding]) -> list[list[Any]]:
     """Return the parameters of findings, one row each."""
     return [
-        [f.name, place, name, _number(p["value"]), p["unit"], f"{_number(p['ci90'][0])} to {_number(p['ci90'][1])}"]
+        [
+            f.name,
+            place,
+            name,
+            _number(p["value"]),
+            pretty_unit(p["unit"]),
+            f"{_number(p['ci90'][0])} to {_number(p['ci90'][1])}",
+        ]
         for f in findings
         for place, parameters in f.places
         for name, p in parameters.items()
@@ -300,7 +307,7 @@ def _overlays(done: Diagnosed) -> Section:
             drawn.add(run.name)
             figures += responses(run, name)
     if len(pairs) > OVERLAYS:
-        text.append(f"{len(pairs) - OVERLAYS} more channels of these recordings are in run.rrd and in the table below.")
+        text.append(f"Channels of these recordings in run.rrd and in the table below alone: {len(pairs) - OVERLAYS}.")
     return Section(title="Measured, calibrated and extended", text=(what, *text), figures=figures)
 
 

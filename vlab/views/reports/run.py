@@ -99,7 +99,7 @@ def _histories(recording: Recording, high_hz: float | None) -> Section:
     shown = _shown(recording)
     names = [c.name for c in shown]
     left = len(recording.channels) - len(names)
-    text = (f"{left} more channels are in the recording.",) if left else ()
+    text = (f"Channels in the recording alone: {left}.",) if left else ()
     figures = [(to_svg(traces_figure([("run", recording)], names, limit=POINTS)), "The whole run.")]
     end = float(recording.time[-1])
     if end > 2 * STRETCH_S:
