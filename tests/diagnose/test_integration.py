@@ -66,7 +66,9 @@ def integrated(names: list[str], substeps: int) -> np.ndarray:
     starts = np.zeros((SETS, 2, 4))
     starts[:, 1] = rng.standard_normal(4)
     forces = np.repeat(10 * rng.standard_normal((N, 1, 2, 1)), SETS, axis=1)
-    return integrate(system, forces, 1, terms, values, ports, starts, runs, substeps)
+    return integrate(
+        system, forces, 1, terms, values, (ports, [terms[i].place.rows[0] for i in ports]), starts, runs, substeps
+    )
 
 
 @pytest.mark.parametrize("substeps", [1, 3])
@@ -124,7 +126,7 @@ def test_a_mass_that_nothing_holds_or_brakes_falls():
     system = discretise(one, 0 * one, 0 * one, np.ones((1, 1)), rows, H)
     empty = {"load": np.zeros((n, 0)), "noise": np.ones(1), "scale": np.ones(1)}
     run = Signals(name="r", role="fit", h=H, y=np.zeros((n, 1)), u=np.zeros((n, 1)), at_rest=True, **empty)
-    y = integrate(system, np.full((n, 1, 1, 1), a), 1, [], [], [], np.zeros((2, 1, 2)), [run], 1)
+    y = integrate(system, np.full((n, 1, 1, 1), a), 1, [], [], ([], []), np.zeros((2, 1, 2)), [run], 1)
     np.testing.assert_allclose(y[:, 1, 0, 0], 0.5 * a * (H * np.arange(n)) ** 2, rtol=1e-9, atol=1e-12)
 
 
@@ -135,7 +137,7 @@ def test_a_trial_that_no_number_holds_is_marched_without_a_word():
     empty = {"load": np.zeros((9, 0)), "noise": np.ones(1), "scale": np.ones(1)}
     run = Signals(name="r", role="fit", h=H, y=np.zeros((9, 1)), u=np.zeros((9, 1)), at_rest=True, **empty)
     with np.errstate(all="ignore"):
-        y = integrate(system, np.ones((9, 1, 1, 1)), 1, [], [], [], np.zeros((1, 1, 2)), [run], 1)
+        y = integrate(system, np.ones((9, 1, 1, 1)), 1, [], [], ([], []), np.zeros((1, 1, 2)), [run], 1)
     assert not np.isfinite(y[-1]).any()
 
 
@@ -150,7 +152,7 @@ def test_modes_are_marched_as_their_matrices_say():
     u, x = rng.standard_normal((n, 1, 1, 2)), rng.standard_normal(6)
     empty = {"load": np.zeros((n, 0)), "noise": np.ones(2), "scale": np.ones(2)}
     run = Signals(name="r", role="fit", h=H, y=np.zeros((n, 2)), u=u[:, 0, 0], at_rest=False, **empty)
-    y = integrate(system, u, 2, [], [], [], x[None, None], [run], 1)[:, 0, 0]
+    y = integrate(system, u, 2, [], [], ([], []), x[None, None], [run], 1)[:, 0, 0]
     for k in range(n):
         np.testing.assert_allclose(y[k], system.C[0] @ x + system.D[0] @ u[k, 0, 0], atol=1e-9)
         x = system.A[0] @ x + system.B[0] @ u[k, 0, 0]
@@ -201,7 +203,17 @@ def test_a_force_of_the_velocity_takes_off_the_energy_that_it_should(name):
         empty = {"load": np.zeros((n, 0)), "noise": np.ones(1), "scale": np.ones(1)}
         run = Signals(name="r", role="fit", h=h, y=np.zeros((n, 1)), u=np.zeros((n, 0)), at_rest=False, **empty)
         own = [{k: np.array([v]) for k, v in values[name].items()}]
-        y = integrate(system, np.zeros((n, 1, 1, 0)), 0, [term], own, [0], np.array([[[1.0, 0.0]]]), [run], substeps)
+        y = integrate(
+            system,
+            np.zeros((n, 1, 1, 0)),
+            0,
+            [term],
+            own,
+            ([0], [term.place.rows[0]]),
+            np.array([[[1.0, 0.0]]]),
+            [run],
+            substeps,
+        )
         return float(np.abs(y[-16:, 0, 0, 0]).max())
 
     assert last_amplitude(1) == pytest.approx(last_amplitude(16), rel=0.02)
