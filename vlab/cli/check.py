@@ -6,6 +6,8 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from vlab.cases.compare import Comparison
 from vlab.cli.case_argument import OUTSIDE, add_case
 from vlab.cli.common import Outcome, share_bar, text_table
@@ -85,14 +87,19 @@ def write_check(checked: Precheck, folder: Path) -> None:
 
 
 def _picture(comparison: Comparison) -> bytes:
-    """Return a PNG of the worst recording beside its simulation."""
-    from vlab.views.figures import to_png, traces_figure
+    """Return a PNG of the worst recording about its largest misfit."""
+    from vlab.views.figures import POINTS, aligned, to_png, traces_figure
 
     worst = max((r for r in comparison.runs if r.misfits), key=lambda r: max(m.nrmse for m in r.misfits))
     largest = sorted(worst.misfits, key=lambda m: -m.nrmse)[:MOST_DRAWN]
     names = [m.channel for m in worst.misfits if m in largest]
-    figure = traces_figure([("recorded", worst.measured), ("simulated", worst.simulated)], names, is_titled=True)
-    return to_png(figure)
+    time, recorded, simulated = aligned(worst.measured, worst.simulated, largest[0].channel)
+    half, at = 0.5 * POINTS * worst.measured.sample_period, float(time[int(np.argmax(np.abs(recorded - simulated)))])
+    first = min(max(at - half, float(time[0])), max(float(time[-1]) - 2 * half, float(time[0])))
+    pair = [
+        (f"{how}, {worst.run.name}", x) for how, x in (("recorded", worst.measured), ("simulated", worst.simulated))
+    ]
+    return to_png(traces_figure(pair, names, start=first, stop=first + 2 * half, is_titled=True))
 
 
 def check_words(checked: Precheck) -> str:
