@@ -338,8 +338,11 @@ def _errors(done: Done) -> Section:
     keys = ("nominal", "before", "after", "noise")
     rows.append(["all", "", "", *_row(*(total(checked, key) for key in keys), whole_gap(checked))])
     headers = ("recording", "role", "channel", "nominal", before, after, "noise", "gap closed %")
+    error = "rms of the error over the rms of the recording about its mean (NRMSE)"
+    if isinstance(done, FrequencyDiagnosed):
+        error = "relative, of lines or modes, as defined above"
     text = (
-        "NRMSE: rms of the error over the rms of the recording about its mean. Nominal: the model of the case. Calibrated: its uncertain "
+        f"Error: {error}. Nominal: the model of the case. Calibrated: its uncertain "
         "parameters fitted to the fit recordings. Extended: with the physics found. Gap closed: (calibrated - extended)/(calibrated - noise). The "
         "nominal error replaces a larger calibrated one. A dash: no gap beyond the noise, or no effect of the physics found.",
     )

@@ -44,7 +44,7 @@ def frequency_sections(done: FrequencyDiagnosed) -> list[Section]:
     )
     text = [
         what,
-        "Everything here is of the plant with the physics in it, linearised by MuJoCo; delays and what channels do are added in frequency.",
+        "The responses are those of the MuJoCo model near rest, with the effects found. Delays and effects of channels are factors in frequency.",
         "Errors of responses are relative: the difference over the mean magnitude of both, root mean square over the lines that stand above "
         "their noise. Errors of modes are relative differences; in their total, damping ratios and shapes count by their uncertainty.",
     ]
