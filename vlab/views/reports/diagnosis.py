@@ -224,14 +224,7 @@ def _found(done: Done) -> Section:
 def _values(findings: Sequence[Finding]) -> list[list[Any]]:
     """Return the parameters of findings, one row each."""
     return [
-        [
-            f.name,
-            place,
-            name,
-            _number(p["value"]),
-            pretty_unit(p["unit"]),
-            f"{_number(p['ci90'][0])} to {_number(p['ci90'][1])}",
-        ]
+        [f.name, place, name, _number(p["value"]), pretty_unit(p["unit"]), " to ".join(map(_number, p["ci90"]))]
         for f in findings
         for place, parameters in f.places
         for name, p in parameters.items()
@@ -338,9 +331,8 @@ def _errors(done: Done) -> Section:
     keys = ("nominal", "before", "after", "noise")
     rows.append(["all", "", "", *_row(*(total(checked, key) for key in keys), whole_gap(checked))])
     headers = ("recording", "role", "channel", "nominal", before, after, "noise", "gap closed %")
-    error = "rms of the error over the rms of the recording about its mean (NRMSE)"
-    if isinstance(done, FrequencyDiagnosed):
-        error = "relative, of lines or modes, as defined above"
+    is_in_time = not isinstance(done, FrequencyDiagnosed)
+    error = "rms over that of the recording about its mean (NRMSE)" if is_in_time else "relative, as defined above"
     text = (
         f"Error: {error}. Nominal: the model of the case. Calibrated: its uncertain "
         "parameters fitted to the fit recordings. Extended: with the physics found. Gap closed: (calibrated - extended)/(calibrated - noise). The "
