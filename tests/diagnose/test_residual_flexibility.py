@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from vlab.cases.channel_map import Compared
-from vlab.diagnose.parameters.locations import Place
+from vlab.diagnose.parameters.locations import Place, places_of
 from vlab.diagnose.parameters.observation import channel_rows
 from vlab.diagnose.parameters.reduced_model import ReducedModel, TruncatedModes
 from vlab.diagnose.predictors.residual_flexibility import residual_vectors
+from vlab.plants.mjcf import build_mjcf
 
 SHORT = 1e-6
 """SHORT [s]: integration step at which no coordinate is slowed."""
@@ -17,15 +18,27 @@ ENDS = ("crosspiece-left", "tip-left", "beam:base-10in")
 """Ports whose flexibility lies in truncated modes, or in modes that no sensor of the beam sees."""
 
 
+CHAIN = (
+    "<mujoco><worldbody>{}</worldbody><actuator><position name='servo' joint='q2' kp='40'/></actuator>"
+    "<sensor><jointpos name='q0' joint='q0'/></sensor></mujoco>"
+).format("".join(f"<body name='b{i}'><joint name='q{i}' type='slide' axis='1 0 0' stiffness='{30 + 9 * i}' damping='.01'/>"
+         "<geom size='.01' mass='.1' contype='0' conaffinity='0'/>" for i in range(6)) + 6 * "</body>")  # fmt: skip
+"""CHAIN [-]: six masses in a row, the third one under a position servo."""
+
+
 @pytest.fixture(scope="module")
 def beam_modes(composite):
-    """Return a reduced model of eight modes of the beam, and the whole linear model."""
-    linear = composite.linearise()
-    omega, shapes = linear.eigen
-    names = [tap.name for tap in composite.sensors if tap.kind == "velocity"]
-    rows = channel_rows(composite, [Compared(channel=n, sensor=i, order=1) for i, n in enumerate(names)])
-    kept = np.arange(len(omega)) < 9
+    """Return a reduced model of eight modes of the beam, the whole linear model and its channels."""
+    kept = np.arange(composite.model.nv) < 9
     kept[2] = False  # as an antisymmetric mode, which no sensor sees
+    return reduced_to(composite, kept)
+
+
+def reduced_to(plant, kept):
+    linear = plant.linearise()
+    omega, shapes = linear.eigen
+    names = [tap.name for tap in plant.sensors]
+    rows = channel_rows(plant, [Compared(channel=n, sensor=i) for i, n in enumerate(names)])
     outside = shapes[:, ~kept]
     truncated = TruncatedModes(
         omega=omega[~kept], shapes=outside, C=outside.T @ linear.C @ outside, rows=rows.onto(outside)
@@ -38,8 +51,8 @@ def beam_modes(composite):
         M=M,
         C=C,
         K=K,
-        forces=np.zeros((8, 0)),
-        loads=np.zeros((8, 0)),
+        forces=basis.T @ plant.actuator_forces(),
+        loads=np.zeros((kept.sum(), 0)),
         rows=rows.onto(basis),
         changes=(),
         outside=truncated,
@@ -108,6 +121,25 @@ def test_without_truncated_modes_nothing_changes(which, composite, beam_modes):
     assert vectors.r == 0
     assert vectors.matrices(reduced.M, reduced.C, reduced.K)[0] is reduced.M
     assert np.array_equal(vectors.channels(whole.rows).at_q, whole.rows.at_q)
+
+
+def test_every_place_of_a_force_has_its_truncated_motion():
+    plant = build_mjcf(CHAIN)
+    reduced, linear, _ = reduced_to(plant, np.arange(6) < 2)
+    places = places_of(plant, reduced, ["q0"], [0])
+    forces = [place for place in places if place.rows.size]
+    assert any(place.servo is not None for place in forces)  # a servo acts along its joint
+    static = np.linalg.inv(linear.K)
+    for place in forces:
+        assert place.truncated.shape == (len(place.rows), 4)
+        vectors = residual_vectors(reduced, [place], SHORT)
+        row = np.hstack([place.rows, place.truncated]) @ np.linalg.inv(
+            np.hstack([reduced.shapes, reduced.truncated.shapes])
+        )
+        K = vectors.matrices(reduced.M[None], reduced.C[None], reduced.K[None])[2][0]
+        assert vectors.at(place) @ np.linalg.solve(K, vectors.at(place).T) == pytest.approx(
+            row @ static @ row.T, rel=1e-8
+        )
 
 
 def test_slow_coordinates_keep_the_flexibility(composite, beam_modes):

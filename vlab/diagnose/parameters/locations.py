@@ -309,8 +309,9 @@ def _actuator(plant: Plant, reduced_model: ReducedModel, index: int) -> Place:
     port, servo = servo_port(plant, index), servo_of(plant, index)
     if port is None or servo is None:
         return out
-    row = port.row(plant.new_data()) @ reduced_model.shapes
-    return replace(out, rows=row[None], angular=port.unit == "rad", coil=index, servo=servo)
+    row = port.row(plant.new_data())[None]
+    rows, truncated = row @ reduced_model.shapes, row @ reduced_model.truncated.shapes
+    return replace(out, rows=rows, truncated=truncated, angular=port.unit == "rad", coil=index, servo=servo)
 
 
 def _pick_ups(plant: Plant, channels: Sequence[str], sensors: Sequence[str], driven: Sequence[int]) -> list[Place]:
