@@ -45,6 +45,11 @@ def test_another_sensor_in_use_needs_the_kinematics(other):
     assert set(ConstantSensors.of(model, {0, 3}).address) == {0, 3}  # the other is not in use
 
 
+def test_disabled_sensors_read_nothing():
+    disabled = CHAIN.replace("<mujoco>", '<mujoco><option><flag sensor="disable"/></option>')
+    assert not ConstantSensors.of(mujoco.MjModel.from_xml_string(disabled.format(CONSTANT)), {0}).address.size
+
+
 def test_a_free_joint_needs_the_kinematics():
     free = '<mujoco><worldbody><body><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
     assert not ConstantSensors.of(mujoco.MjModel.from_xml_string(free), {0}).address.size

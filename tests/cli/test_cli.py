@@ -245,6 +245,7 @@ def test_a_divergence_is_one_line_and_status_1(capsys, tmp_path):
         (["experiment", "beam", "--out", "/dev/null/sub"], "lies in /dev/null, which is a file"),
         (["conceal", "--again", "/dev/null", "--out", "new"], "/dev/null is no folder of sealed cases"),
         (["--json"], "required: VERB"),
+        (["--json", "examples"], "unknown argument '--json'; write it after the command"),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(capsys, tmp_path, monkeypatch, words, message):

@@ -4,12 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from vlab.cases.channel_map import Compared
+from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.parameters.locations import Place, places_of
 from vlab.diagnose.parameters.observation import channel_rows
 from vlab.diagnose.parameters.reduced_model import ReducedModel, TruncatedModes
+from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.modal import channels
 from vlab.diagnose.predictors.residual_flexibility import residual_vectors
+from vlab.physics.catalogue import EFFECTS
 from vlab.plants.mjcf import build_mjcf
 
 SHORT = 1e-6
@@ -40,8 +45,14 @@ def reduced_to(plant, kept):
     names = [tap.name for tap in plant.sensors]
     rows = channel_rows(plant, [Compared(channel=n, sensor=i) for i, n in enumerate(names)])
     outside = shapes[:, ~kept]
+    pushes = plant.actuator_forces()
     truncated = TruncatedModes(
-        omega=omega[~kept], shapes=outside, C=outside.T @ linear.C @ outside, rows=rows.onto(outside)
+        omega=omega[~kept],
+        shapes=outside,
+        C=outside.T @ linear.C @ outside,
+        rows=rows.onto(outside),
+        forces=outside.T @ pushes,
+        loads=np.zeros((int((~kept).sum()), 0)),
     )
     basis = shapes[:, kept]
     M, C, K = (basis.T @ part @ basis for part in (linear.M, linear.C, linear.K))
@@ -68,9 +79,9 @@ def place_at(plant, reduced, name):
 def receptances(vectors, reduced, place, hz):
     """Return motion of the port and the channels' velocities under a unit force."""
     M, C, K = (part[0] for part in vectors.matrices(reduced.M[None], reduced.C[None], reduced.K[None]))
-    row, channels = vectors.at(place)[0], vectors.channels(reduced.rows)
+    row, channels = vectors.motion(place)[0], vectors.channels(reduced.rows)
     s = 2j * np.pi * hz
-    motion = np.linalg.solve(s**2 * M + s * C + K, row)
+    motion = np.linalg.solve(s**2 * M + s * C + K, vectors.push(place)[0])
     return row @ motion, (channels.at_q + s * channels.at_v) @ motion
 
 
@@ -97,8 +108,8 @@ def test_two_ends_of_one_element_have_one_basis(composite, beam_modes):
     assert vectors.r == 6
     force = composite.port_rows(["crosspiece-left", "clamp"])
     K = vectors.matrices(reduced.M[None], reduced.C[None], reduced.K[None])[2][0]
-    rows = np.vstack([vectors.at(places[0]), vectors.at(places[2])])
-    assert rows @ np.linalg.solve(K, rows.T) == pytest.approx(force @ np.linalg.solve(linear.K, force.T), rel=1e-8)
+    rows, pushes = (np.vstack([at(places[0]), at(places[2])]) for at in (vectors.motion, vectors.push))
+    assert rows @ np.linalg.solve(K, pushes.T) == pytest.approx(force @ np.linalg.solve(linear.K, force.T), rel=1e-8)
 
 
 def test_more_ports_than_truncated_modes_have_the_whole_space(composite, beam_modes):
@@ -137,7 +148,7 @@ def test_every_place_of_a_force_has_its_truncated_motion():
             np.hstack([reduced.shapes, reduced.truncated.shapes])
         )
         K = vectors.matrices(reduced.M[None], reduced.C[None], reduced.K[None])[2][0]
-        assert vectors.at(place) @ np.linalg.solve(K, vectors.at(place).T) == pytest.approx(
+        assert vectors.motion(place) @ np.linalg.solve(K, vectors.push(place).T) == pytest.approx(
             row @ static @ row.T, rel=1e-8
         )
 
@@ -152,12 +163,73 @@ def test_slow_coordinates_keep_the_flexibility(composite, beam_modes):
     assert static == pytest.approx(force @ np.linalg.solve(linear.K, force), rel=1e-9)
 
 
-def test_states_and_forces_of_the_modes_stay(composite, beam_modes):
+def test_states_of_the_modes_stay(composite, beam_modes):
     reduced, _, _ = beam_modes
     vectors = residual_vectors(reduced, [place_at(composite, reduced, "clamp")], SHORT)
-    states, forces = np.arange(32.0).reshape(2, 16), np.arange(24.0).reshape(8, 3)
+    states, r = np.arange(32.0).reshape(2, 16), 2 * vectors.r
     wide = vectors.states(states)
-    assert wide.shape == (2, 16 + 2 * vectors.r)
-    assert np.array_equal(wide[:, [*range(8), *range(8 + vectors.r, 16 + vectors.r)]], states)
-    assert np.array_equal(vectors.forces(forces)[:8], forces)
-    assert not vectors.forces(forces)[8:].any()
+    assert wide.shape == (2, 16 + 2 * r)
+    assert np.array_equal(wide[:, [*range(8), *range(8 + r, 16 + r)]], states)
+
+
+# ---- in time, beside the model with all modes --------------------------------------------------------------------------
+
+H, N, HIGHEST = 0.005, 400, 60.0  # so short steps that the whole model follows its law
+LONG = "".join(f"<body name='b{i}'><joint name='q{i}' type='slide' axis='1 0 0' stiffness='3000' damping='.02'/>"
+               "<geom size='.01' mass='.1' contype='0' conaffinity='0'/>" for i in range(24))  # fmt: skip
+LONG = (
+    f"<mujoco><worldbody>{LONG}{24 * '</body>'}</worldbody><actuator><motor name='motor' joint='q12'/></actuator>"
+    "<sensor><jointpos name='end' joint='q12'/><jointvel name='speed' joint='q12'/></sensor></mujoco>"
+)
+"""LONG [-]: a chain of 24 masses, pushed at the joint of the law."""
+OF_LAWS = {"stiffness-to-ground": {"stiffness": 3000.0}, "cubic-stiffness": {"k3": 1e11}, "bouc-wen": {"force": 0.3, "yield": 1e-4}}  # fmt: skip
+
+
+def quasi_static(plant, law):
+    """Return a state of the chain whose 21 higher modes are in equilibrium with the law while the lowest ones swing."""
+    row, linear, stiff = plant.port_rows(["joint:q12"])[0], plant.linearise(), OF_LAWS[law]
+    omega, shapes = linear.eigen
+    yields = shapes[:, 3:] @ (shapes[:, 3:].T @ row / omega[3:] ** 2)
+    swing = 0.03 * shapes[:, 0], 0.3 * shapes[:, 0]
+
+    def displacement(t):
+        slow = swing[0] + t * swing[1]
+        law_of = (lambda z: stiff["stiffness"] * z) if "stiffness" in stiff else (lambda z: stiff["k3"] * z**3)
+        force = brentq(lambda f: f + law_of(row @ (slow + f * yields)), -1e3, 1e3, xtol=1e-14)
+        return slow + force * yields
+
+    return np.concatenate([displacement(0.0), (displacement(1e-5) - displacement(-1e-5)) / 2e-5])
+
+
+def in_time(plant, model, law, *, pushed):
+    """Return the channels of a run; of a driven run the effect of the law."""
+    rng = np.random.default_rng(3)
+    slow = np.convolve(rng.standard_normal(N + 200), np.hanning(200), mode="valid")[:N, None]
+    u = slow * np.hanning(2 * N)[:N, None] if pushed else np.zeros((N, 1))
+    start = np.zeros(2 * 24) if pushed else quasi_static(plant, law)
+    onto = model.shapes.T @ plant.linearise().M
+    run = Signals(
+        name="run", role="fit", h=H, y=np.zeros((N, 2)), u=u, load=np.zeros((N, 0)), noise=np.ones(2), scale=np.ones(2),
+        at_rest=pushed,
+    )  # fmt: skip
+    term = Term(effect=EFFECTS[law], place=place_at(plant, model, "joint:q12"), values=OF_LAWS[law])
+    values = [{name: np.array([value]) for name, value in term.values.items()}]
+    starts = np.concatenate([onto @ start[:24], onto @ start[24:]])[None, None]
+    y = channels(model, HIGHEST, [run], [term], np.zeros((1, 0)), values, starts)[:, 0, 0]
+    # the recordings of a search are without the static response of truncated modes to inputs
+    return y - channels(model, HIGHEST, [run], [], np.zeros((1, 0)), [], starts)[:, 0, 0] if pushed else y
+
+
+@pytest.mark.parametrize(("law", "pushed"), [*((law, True) for law in OF_LAWS), *((law, False) for law in list(OF_LAWS)[:2])])  # fmt: skip
+def test_the_effect_of_a_law_is_that_in_the_whole_model(law, pushed):
+    """Driven from rest where the law acts, and released in motion."""
+    plant = build_mjcf(LONG)
+    whole, reduced = (reduced_to(plant, np.arange(24) < count)[0] for count in (24, 3))
+    truth = in_time(plant, whole, law, pushed=pushed)
+    error, bare = (
+        np.sqrt(np.mean((in_time(plant, model, law, pushed=pushed) - truth) ** 2, axis=0) / np.mean(truth**2, axis=0))
+        for model in (reduced, replace(reduced, outside=None))
+    )
+    assert error[0] < 0.1
+    assert error[0] < 0.2 * bare[0]
+    assert error[1] < bare[1]  # other modes of the chain weigh more in the velocity

@@ -50,7 +50,8 @@ class ConstantSensors(NamedTuple):
             Sums; none where a value in use is no such sum.
         """
         rows: list[tuple[int, int, float, int]] = []
-        if np.isin(model.jnt_type, PLAIN).all():  # a position is then one number per degree of freedom
+        reads = not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+        if reads and np.isin(model.jnt_type, PLAIN).all():  # a position is then one number per degree of freedom
             rows = [row for sensor in range(model.nsensor) for row in _summands(model, sensor) if row[0] in addresses]
         is_whole = bool(rows) and {row[0] for row in rows} == addresses
         address, joint, share, order = zip(*rows, strict=True) if is_whole else ((), (), (), ())

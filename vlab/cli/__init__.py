@@ -195,7 +195,8 @@ def _run(words: Sequence[str]) -> int:
         _check_words(parser, words)
         arguments, unknown = parser.parse_known_args(words)
         if unknown:
-            parser_of(parser, arguments.verb).error(f"unknown argument {unknown[0]!r}")
+            where = "; write it after the command" if unknown[0] in OF_ALL else ""
+            parser_of(parser, arguments.verb).error(f"unknown argument {unknown[0]!r}{where}")
         module = _module(arguments.verb)
     if "mujoco" in sys.modules:  # MuJoCo would log warnings to the working folder; `check_run` reports them
         sys.modules["mujoco"].set_mju_user_warning(lambda text: None)

@@ -8,7 +8,7 @@ import numpy as np
 from vlab.diagnose.inference.evidence import Hypothesis, scored
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term, is_meant, of_element
-from vlab.diagnose.parameters.tolerance import is_within_tolerance
+from vlab.diagnose.parameters.tolerance import is_within_tolerance, modal_tolerances
 from vlab.diagnose.settings import FIT, HYPOTHESIS_FITS
 from vlab.parallel import side_by_side
 from vlab.signals import Array
@@ -357,10 +357,10 @@ def beyond_tolerance(whole: LeastSquares, hypotheses: Sequence[Hypothesis], enou
     list of Hypothesis
         Hypotheses.
     """
-    problem = whole.problem
+    tolerances = modal_tolerances(whole.problem.reduced_model)
 
     def is_small(h: Hypothesis) -> bool:
-        return any(is_within_tolerance(t, problem.reduced_model, problem.parameters) for t in h.long_fit.terms)
+        return any(is_within_tolerance(term, tolerances) for term in h.long_fit.terms)
 
     return [h for h in hypotheses if h.normalised_residual <= enough or not is_small(h)]
 

@@ -200,12 +200,18 @@ class TruncatedModes:
         Modal damping matrix.
     rows : ChannelRows
         Channels per modal coordinate.
+    forces : (t, n_actuators) array
+        Modal force of a unit command.
+    loads : (t, n_loads) array
+        Modal force of a unit force at directly driven ports.
     """
 
     omega: Array
     shapes: Array
     C: Array
     rows: ChannelRows
+    forces: Array
+    loads: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -259,7 +265,8 @@ class ReducedModel:
             return self.outside
         none = np.zeros((len(self.shapes), 0))
         rows = self.rows.onto(np.zeros((self.m, 0)))
-        return TruncatedModes(omega=np.zeros(0), shapes=none, C=np.zeros((0, 0)), rows=rows)
+        forces, loads = (np.zeros((0, inputs.shape[1])) for inputs in (self.forces, self.loads))
+        return TruncatedModes(omega=np.zeros(0), shapes=none, C=np.zeros((0, 0)), rows=rows, forces=forces, loads=loads)
 
     @property
     def m(self) -> int:

@@ -8,39 +8,56 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vlab.diagnose.parameters.mjcf import Uncertain
 from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.settings import TOLERANCE
 from vlab.physics.effect import LinearPortEffect
-
-KINDS = ("mass", "damping", "stiffness")
-"""KINDS [-]: kinds of uncertain parameters, in the order of mass, damping and stiffness matrix."""
+from vlab.signals import Array
 
 
-def is_within_tolerance(term: Term, reduced_model: ReducedModel, parameters: Sequence[Uncertain]) -> bool:
-    """Return whether a linear effect changes no mode by more than its stated uncertainty.
+def modal_tolerances(reduced_model: ReducedModel) -> tuple[Array, Array, Array]:
+    """Return the tolerances of modal mass, damping and stiffness.
+
+    The standard deviations of all uncertain parameters combine in quadrature.
+
+    Parameters
+    ----------
+    reduced_model : ReducedModel
+        Reduced model with its uncertain parameters.
+
+    Returns
+    -------
+    tuple of (m,) arrays
+        Largest changes of every mode within the statement.
+    """
+    slopes = reduced_model.slopes(np.zeros(len(reduced_model.prior)))
+    out = np.zeros((3, reduced_model.m))
+    for sd, matrices in zip(reduced_model.prior, slopes, strict=True):
+        for total, matrix in zip(out, matrices, strict=True):
+            if matrix is not None:
+                total += (sd * np.diag(matrix)) ** 2
+    mass, damping, stiffness = TOLERANCE.most * np.sqrt(out)
+    return mass, damping, stiffness
+
+
+def is_within_tolerance(term: Term, tolerances: Sequence[Array]) -> bool:
+    """Return whether a linear effect changes no mode by more than its tolerance.
 
     Parameters
     ----------
     term : Term
         Effect at a location.
-    reduced_model : ReducedModel
-        Reduced model.
-    parameters : sequence of Uncertain
-        Uncertain parameters with their prior standard deviations.
+    tolerances : sequence of (m,) arrays
+        Tolerances of modal mass, damping and stiffness.
 
     Returns
     -------
     bool
-        Whether modal masses, damping and stiffnesses all stay within the tolerance; false for other effects.
+        Whether modal masses, damping and stiffnesses all stay within the tolerances; false for other effects.
     """
     if not isinstance(term.effect, LinearPortEffect):
         return False
     moved = np.sum(term.place.rows**2, axis=0)
     impedance = term.effect.impedance(term.values, term.place.stiffness)
-    for kind, change, own in zip(KINDS, impedance, (reduced_model.M, reduced_model.C, reduced_model.K), strict=True):
-        sd = max((p.sd for p in parameters if p.kind == kind), default=0.0)
-        if np.any(np.abs(change) * moved > TOLERANCE.most * sd * np.abs(np.diag(own))):
-            return False
-    return True
+    pairs = zip(impedance, tolerances, strict=True)
+    return not any(np.any(np.abs(change) * moved > most) for change, most in pairs)

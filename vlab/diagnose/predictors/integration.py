@@ -5,7 +5,7 @@ over the step. Laws linear in motion and memory become additional states, by one
 alone are inputs. Only nonlinear laws need a loop over the samples.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -274,6 +274,39 @@ def _law(
         coil=term.place.coil,
         memory=_remember(term.effect, term.place.rows[0], p, runs, n_sets),
     )
+
+
+def law_at_start(
+    term: Term, values: Mapping[str, Array], runs: Sequence[Signals], n_sets: int
+) -> Callable[[Array, Array], Array]:
+    """Return a law's force over displacement and velocity (n_sets, n_runs) at the starts of runs.
+
+    Parameters
+    ----------
+    term : Term
+        Port law.
+    values : mapping
+        Parameter values (n_sets,).
+    runs : sequence of Signals
+        Runs.
+    n_sets : int
+        Number of parameter sets.
+
+    Returns
+    -------
+    callable
+        Force.
+    """
+    assert isinstance(term.effect, PortEffect)
+    effect, p = term.effect, {name: np.asarray(v)[:, None] for name, v in values.items()}
+    memory = _remember(effect, term.place.rows[0], p, runs, n_sets)
+    now = Step(h=runs[0].h, t=np.array([run.t0 for run in runs]))
+
+    def force(z: Array, v: Array) -> Array:
+        with np.errstate(all="ignore"):  # a diverged trial
+            return np.broadcast_to(effect.force(z, v, p, now, memory)[0], z.shape)
+
+    return force
 
 
 def _remember(effect: PortEffect, row: Array, p: Mapping[str, Array], runs: Sequence[Signals], n_sets: int) -> Any:

@@ -8,8 +8,8 @@ import numpy as np
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.parameters.reduced_model import ReducedModel, discretise
 from vlab.diagnose.parameters.terms import Term
-from vlab.diagnose.predictors.integration import acting_order, integrate
-from vlab.diagnose.predictors.residual_flexibility import residual_vectors
+from vlab.diagnose.predictors.integration import acting_order, integrate, law_at_start
+from vlab.diagnose.predictors.residual_flexibility import StartLaw, StaticStart, residual_vectors
 from vlab.diagnose.settings import MODAL, RUNS
 from vlab.physics.effect import SETTLING, ActuatorEffect, LinearPortEffect, PickUp, PortEffect, SensorEffect
 from vlab.signals import Array
@@ -61,27 +61,68 @@ def channels(
     for term, own in zip(terms, values, strict=True):
         if isinstance(term.effect, LinearPortEffect):
             mass, damping, stiffness = term.effect.impedance(own, term.place.stiffness_at(theta))
-            for row in residual.at(term.place):
-                outer = np.outer(row, row)
+            for push, row in zip(residual.push(term.place), residual.motion(term.place), strict=True):
+                outer = np.outer(push, row)
                 M = M + np.broadcast_to(mass, n_sets)[:, None, None] * outer
                 C = C + np.broadcast_to(damping, n_sets)[:, None, None] * outer
                 K = K + np.broadcast_to(stiffness, n_sets)[:, None, None] * outer
-    rows = [residual.at(terms[i].place)[0] for i in ports]
-    pushes = np.hstack([residual.forces(reduced_model.loads), *(row[:, None] for row in rows)])
-    inputs = np.concatenate(
+    forces = _inputs(runs, terms, values, n_sets)
+    known = np.concatenate(
         [
-            residual.forces(reduced_model.forces[None] * actuator_gain[:, None, :]),
-            np.repeat(pushes[None], n_sets, axis=0),
+            reduced_model.forces[None] * actuator_gain[:, None, :],
+            np.broadcast_to(reduced_model.loads, (n_sets, *reduced_model.loads.shape)),
         ],
         axis=2,
     )
+    known = residual.inputs(known, actuator_gain)
+    seen, pushes = ([at(terms[i].place)[0] for i in ports] for at in (residual.motion, residual.push))
+    columns = np.array(pushes).reshape(len(ports), M.shape[1]).T
+    inputs = np.concatenate([known, np.broadcast_to(columns, (n_sets, *columns.shape))], axis=2)
+    starts = residual.states(starts)
+    moving = np.array([not run.at_rest for run in runs])
+    if residual.r and moving.any():
+        still = StaticStart(K=K, m=reduced_model.m, is_moving=moving)
+        held = np.broadcast_to(forces[0], (n_sets, *forces.shape[2:])) @ known.swapaxes(1, 2)
+        laws = [law_at_start(terms[i], values[i], runs, n_sets) for i in ports]
+        starts = _in_equilibrium(still, starts, held, list(zip(laws, seen, pushes, strict=True)), MODAL.brief * h)
     system = discretise(M, C, K, inputs, residual.channels(reduced_model.rows), h / substeps)
     if reduced_model.shifts:
         system = replace(system, C=system.C + residual.states(reduced_model.shifted(theta)))
-    known, starts = inputs.shape[2] - len(ports), residual.states(starts)
-    forces = _inputs(runs, terms, values, n_sets)
     with np.errstate(all="ignore"):  # a diverged trial keeps its large residual
-        return integrate(system, forces, known, terms, values, (ports, rows), starts, runs, substeps)
+        return integrate(system, forces, known.shape[2], terms, values, (ports, seen), starts, runs, substeps)
+
+
+def _in_equilibrium(
+    still: StaticStart, starts: Array, held: Array, laws: Sequence[tuple[StartLaw, Array, Array]], brief: float
+) -> Array:
+    """Return starts with the static deflection under inputs and laws.
+
+    Parameters
+    ----------
+    still : StaticStart
+        Residual coordinates.
+    starts : (n_sets, n_runs, 2n) array
+        States of the modes.
+    held : (n_sets, n_runs, n) array
+        Forces of the inputs on the coordinates.
+    laws : sequence of tuple
+        Laws, with the rows of their motion and of their push (n,).
+    brief : float
+        Time over which the rate of a law's force is taken [s].
+
+    Returns
+    -------
+    (n_sets, n_runs, 2n) array
+        States.
+    """
+    rates = np.zeros_like(held)
+    first = still.under(starts, held, rates)
+    displacement, velocity = np.split(first, 2, axis=-1)
+    soon = np.concatenate([displacement + brief * velocity, velocity], axis=-1)
+    for law, row, push in laws:
+        now, then = (still.force(law, states, row, push)[..., None] for states in (first, soon))
+        held, rates = held + now * push, rates + (then - now) / brief * push
+    return still.under(starts, held, rates)
 
 
 def _inputs(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int) -> Array:

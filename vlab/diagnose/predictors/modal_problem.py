@@ -169,16 +169,21 @@ def _reduced_model(
         rows=replace(rows, at_a=rows.at_a @ M),  # MuJoCo's accelerations are those of its own mass matrix
         changes=changes_of(parameters),
         parts=parts,
-        outside=_truncated(modes),
+        outside=_truncated(modes, pushes[:, :count], pushes[:, count:]),
     )
 
 
-def _truncated(modes: KeptModes) -> TruncatedModes:
-    """Return the elastic modes outside the reduced model."""
+def _truncated(modes: KeptModes, forces: Array, loads: Array) -> TruncatedModes:
+    """Return the elastic modes outside the reduced model, for generalised forces (nv, n)."""
     outside = ~modes.kept & (modes.omega > LOCATIONS.free)
     shapes = modes.shapes[:, outside]
     return TruncatedModes(
-        omega=modes.omega[outside], shapes=shapes, C=shapes.T @ modes.linear.C @ shapes, rows=modes.rows.onto(shapes)
+        omega=modes.omega[outside],
+        shapes=shapes,
+        C=shapes.T @ modes.linear.C @ shapes,
+        rows=modes.rows.onto(shapes),
+        forces=shapes.T @ forces,
+        loads=shapes.T @ loads,
     )
 
 

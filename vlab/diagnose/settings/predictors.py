@@ -148,6 +148,12 @@ class ModalSettings:
     """residual_vectors [1]: residual vectors of a port with a law, at least 1; default set on stick-slip at a crosspiece of
     the beam (one concealed case): the errors against MuJoCo are 41 % with one, 1.3 % with two and 0.8 % with three.
     Raising it costs time."""
+    equilibrium_steps: int = 20
+    """equilibrium_steps [1]: steps to the static force of a law at the start of a run, at least 1; default for a cubic spring
+    ten times as stiff as its place. Raising it costs little time."""
+    brief: float = 0.01
+    """brief [1]: time over the sample period for the rate of a law's static force, above 0; default untested. Raising it
+    smooths the rate."""
     independent: float = 1e-9
     """independent [1]: least part of a unit residual vector outside the others for a direction of its own, 0 to 1;
     default above rounding. Raising it merges close ports."""
