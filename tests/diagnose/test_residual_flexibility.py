@@ -233,3 +233,16 @@ def test_the_effect_of_a_law_is_that_in_the_whole_model(law, pushed):
     assert error[0] < 0.1
     assert error[0] < 0.2 * bare[0]
     assert error[1] < bare[1]  # other modes of the chain weigh more in the velocity
+
+
+def test_further_inputs_act_on_the_dynamic_modes_alone():
+    plant = build_mjcf(LONG)
+    reduced = reduced_to(plant, np.arange(24) < 3)[0]
+    more = reduced.with_loads(np.eye(3))
+    vectors = residual_vectors(more, [place_at(plant, more, "joint:q12")], SHORT)
+    own = np.hstack([more.forces, more.loads])[None]
+    forces = vectors.inputs(own, np.ones((1, 1)))[0]
+    assert forces.shape == (3 + 2 * vectors.r, 4)
+    assert np.array_equal(forces[:3], own[0])
+    assert not forces[3:, 1:].any()
+    assert np.abs(forces[3 + vectors.r :, 0]).max() > 0.0  # the motor

@@ -268,6 +268,27 @@ class ReducedModel:
         forces, loads = (np.zeros((0, inputs.shape[1])) for inputs in (self.forces, self.loads))
         return TruncatedModes(omega=np.zeros(0), shapes=none, C=np.zeros((0, 0)), rows=rows, forces=forces, loads=loads)
 
+    def with_loads(self, loads: Array, truncated: Array | None = None) -> "ReducedModel":
+        """Return the model with further inputs.
+
+        Parameters
+        ----------
+        loads : (m, k) array
+            Modal forces of unit inputs.
+        truncated : (t, k) array or None
+            Forces on the truncated modes; zero by default.
+
+        Returns
+        -------
+        ReducedModel
+            Model.
+        """
+        outside = self.outside
+        if outside is not None:
+            more = np.zeros((len(outside.omega), loads.shape[1])) if truncated is None else truncated
+            outside = replace(outside, loads=np.hstack([outside.loads, more]))
+        return replace(self, loads=np.hstack([self.loads, loads]), outside=outside)
+
     @property
     def m(self) -> int:
         """Number of modes."""

@@ -56,7 +56,7 @@ def with_own_nonlinearity(problem: Problem) -> Problem:
             signals[i] = replace(signals[i], load=np.hstack([signals[i].load, load]))
     return replace(
         problem,
-        reduced_model=replace(reduced_model, loads=np.hstack([reduced_model.loads, np.eye(reduced_model.m)])),
+        reduced_model=reduced_model.with_loads(np.eye(reduced_model.m)),
         signals=tuple(signals),
         intensity=intensity,
         bare=problem,

@@ -326,7 +326,7 @@ def with_effects(screen: ScoreTest, fit: Fit) -> Problem:
         elif isinstance(term.effect, SensorEffect):
             runs = [_corrected(run, term, term.effect) for run in runs]
         else:
-            reduced_model = replace(reduced_model, loads=np.hstack([reduced_model.loads, term.place.rows[:1].T]))
+            reduced_model = reduced_model.with_loads(term.place.rows[:1].T, term.place.truncated[:1].T)
             forces = {id(run): f for group in screen.groups for run, f in _forces(screen, group, term)}
             runs = [
                 replace(now, load=np.hstack([now.load, forces[id(run)][: len(now), None]]))
