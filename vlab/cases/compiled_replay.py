@@ -384,8 +384,9 @@ def _run(
             _sensor_position(model, copy)
             _fwd_velocity(model, copy)
             _sensor_velocity(model, copy)
-        for i in range(records.raw.shape[1] if sums.address.size == 0 else 0):
-            records.raw[k, i] = seen.sensordata[i]
+        if sums.address.size == 0:
+            for i in range(records.raw.shape[1]):
+                records.raw[k, i] = seen.sensordata[i]
         for i in range(sums.address.size):
             motion = seen.qpos if sums.order[i] == 0 else seen.qvel
             records.raw[k, sums.address[i]] += sums.share[i] * motion[sums.joint[i]]

@@ -59,7 +59,7 @@ class ConstantSensors(NamedTuple):
 
 
 def _summands(model: Any, sensor: int) -> list[tuple[int, int, float, int]]:
-    """Return address, joint, share and order of a sensor's summands; none for another sensor."""
+    """Return address, joint, share and order of a sensor's summands."""
     kind, element, address = (int(x[sensor]) for x in (model.sensor_type, model.sensor_objid, model.sensor_adr))
     if model.sensor_cutoff[sensor] != 0.0 or model.sensor_history[sensor].any():
         return []

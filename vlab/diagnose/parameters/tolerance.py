@@ -41,7 +41,7 @@ def modal_tolerances(reduced_model: ReducedModel) -> tuple[Array, Array, Array]:
 
 
 def is_within_tolerance(term: Term, tolerances: Sequence[Array]) -> bool:
-    """Return whether a linear effect changes no mode by more than its tolerance.
+    """Return whether a linear effect is within the tolerances of all modes.
 
     Parameters
     ----------

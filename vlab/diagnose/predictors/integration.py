@@ -5,7 +5,7 @@ over the step. Laws linear in motion and memory become additional states, by one
 alone are inputs. Only nonlinear laws need a loop over the samples.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.parameters.reduced_model import Discrete
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.modal_integration import LoopLaw, Marched, integrate_modes
+from vlab.diagnose.predictors.residual_flexibility import StartLaw
 from vlab.diagnose.settings import KERNELS, RUNS
 from vlab.physics.effect import PortEffect, Step
 from vlab.physics.expression import trace_expression
@@ -276,10 +277,8 @@ def _law(
     )
 
 
-def law_at_start(
-    term: Term, values: Mapping[str, Array], runs: Sequence[Signals], n_sets: int
-) -> Callable[[Array, Array], Array]:
-    """Return a law's force over displacement and velocity (n_sets, n_runs) at the starts of runs.
+def law_at_start(term: Term, values: Mapping[str, Array], runs: Sequence[Signals], n_sets: int) -> StartLaw:
+    """Return a law's force over port motion at the starts of runs.
 
     Parameters
     ----------
@@ -294,7 +293,7 @@ def law_at_start(
 
     Returns
     -------
-    callable
+    StartLaw
         Force.
     """
     assert isinstance(term.effect, PortEffect)

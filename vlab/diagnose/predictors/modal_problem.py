@@ -174,7 +174,7 @@ def _reduced_model(
 
 
 def _truncated(modes: KeptModes, forces: Array, loads: Array) -> TruncatedModes:
-    """Return the elastic modes outside the reduced model, for generalised forces (nv, n)."""
+    """Return the elastic modes outside, for generalised forces (nv, n)."""
     outside = ~modes.kept & (modes.omega > LOCATIONS.free)
     shapes = modes.shapes[:, outside]
     return TruncatedModes(

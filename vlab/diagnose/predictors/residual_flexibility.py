@@ -72,14 +72,14 @@ class ResidualVectors:
         return np.hstack([place.rows, own, own])
 
     def push(self, place: Place) -> Array:
-        """Return the coordinates' forces (k, m + 2r) under a unit force at a place."""
+        """Return the forces (k, m + 2r) of a unit force at a place."""
         if not self.r:
             return place.rows
         own = place.truncated @ self.basis
         return np.hstack([place.rows, own, np.zeros_like(own)])
 
     def matrices(self, M: Array, C: Array, K: Array) -> tuple[Array, Array, Array]:
-        """Return modal matrices (n_sets, m + 2r, m + 2r) with the coordinates."""
+        """Return modal matrices (n_sets, m + 2r, m + 2r)."""
         if not self.r:
             return M, C, K
         return self._beside(M, np.eye(self.r)), self._beside(C, self.C), self._beside(K, np.diag(self.omega**2))
@@ -91,7 +91,7 @@ class ResidualVectors:
         return out
 
     def inputs(self, own: Array, gains: Array) -> Array:
-        """Return the forces (n_sets, m + 2r, k) of unit commands and loads.
+        """Return the forces of unit commands and loads.
 
         Parameters
         ----------
@@ -202,7 +202,7 @@ class StaticStart:
         return out
 
     def force(self, law: StartLaw, starts: Array, row: Array, push: Array) -> Array:
-        """Return a law's force (n_sets, n_runs) in equilibrium with the deflection that it causes.
+        """Return a law's force in equilibrium with its deflection.
 
         Regula falsi finds the force of a restoring law, exactly in one step for a linear one.
 
@@ -224,8 +224,7 @@ class StaticStart:
         yields = np.linalg.solve(self.K[:, m:, m:], np.broadcast_to(push[m:, None], (len(self.K), n - m, 1)))
         flexibility = yields[..., 0] @ row[m:]
         z, v = starts[..., :n] @ row, starts[..., n:] @ row
-        none = np.zeros(z.shape)
-        low, high = none, np.array(law(z, v), dtype=float)
+        low, high = np.zeros(z.shape), np.array(law(z, v), dtype=float)
         over, under = high, law(z + flexibility[:, None] * high, v) - high
         has_root = over * under < 0.0  # a restoring law lies between no deflection and the force without deflection
         out = high
@@ -240,7 +239,7 @@ class StaticStart:
 
 
 def _basis(forces: Sequence[Array], omega: Array) -> Array:
-    """Return an orthonormal basis (t, r) of the residual vectors of forces (t,)."""
+    """Return an orthonormal basis (t, r) under forces (t,)."""
     out = np.zeros((len(omega), 0))
     if not (forces and omega.size):
         return out
