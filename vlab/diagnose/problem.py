@@ -10,6 +10,7 @@ from vlab.cases.case import Case
 from vlab.cases.channel_map import Compared, Run
 from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.parameters.known_effects import known_terms, unsearched
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, common_scale, redundant, unused
 from vlab.diagnose.parameters.reduced_model import ReducedModel
@@ -18,6 +19,7 @@ from vlab.diagnose.parameters.structure_sensitivity import (
     common_scale_of_structure,
     frequencies_of_reduced_model,
 )
+from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.settings import PROBLEM
 from vlab.plants.base import Plant
 from vlab.signals import Array
@@ -109,7 +111,17 @@ class Problem:
                 f"parts of about {self.horizon_s:.2g} s, each from a state of its own"
             )
         out += unused(self.case.table.model.uncertain, self.parameters)
+        if beside := unsearched(self.plant):
+            out.append(
+                f"[[model.effect]] {', '.join(beside)}: nonlinear and no element of MuJoCo's; the search has the tangent at rest "
+                "alone, the verdict is on the whole law"
+            )
         return (*out, *getattr(self.plant, "notes", ()))
+
+    @cached_property
+    def known(self) -> tuple[Term, ...]:
+        """Effects of the case's model on commands and readings, present in every hypothesis."""
+        return known_terms(self.plant, self.places)
 
     @property
     def excited(self) -> tuple[int | None, ...]:

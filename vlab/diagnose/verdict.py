@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 from scipy import stats
 
+from vlab.diagnose.data.quality import DataQuality
 from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.diagnosis import NAMING, Attempt, Verdict
 from vlab.diagnose.inference.model_choice import Choice
@@ -446,4 +447,10 @@ def decide_verdict(
     follows = partial(_follows, is_structure=is_structure, is_plausible=is_plausible)
     if follows(checked) and follows(fitted()):
         return "nothing-missing"
-    return "bad-recording" if seen.damage.warnings else "none-of-these"
+    return "bad-recording" if _may_be_damage(seen.damage, [*checked, *fitted()]) else "none-of-these"
+
+
+def _may_be_damage(damage: DataQuality, checked: Sequence[Checked]) -> bool:
+    """Return whether damage may explain the mismatch: no recording shows a mismatch before its first damage."""
+    sound = (c.error_until(damage.since.get(c.name, np.inf)) > VERDICT.above_noise * c.noise for c in checked)
+    return bool(damage.warnings) and not any(sound)

@@ -5,8 +5,8 @@ are masked. A recording without enough informative samples, a dead sensor or a d
 ``bad-recording``.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,11 +34,14 @@ class DataQuality:
         Defects that may have changed the diagnosis.
     notes : tuple of str
         Further observations.
+    since : mapping of str to float
+        Time by recording from which a warning may explain a residual [s]; other recordings have none.
     """
 
     fatal: tuple[str, ...]
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
+    since: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -90,15 +93,27 @@ def assess_quality(runs: Sequence[Run], fitted: Sequence[Run] = (), file: FileCh
     """
     warnings = [] if file is None else list(file.of("warning"))
     notes = [] if file is None else list(file.of("note"))
+    since = {run.name: -np.inf for run in runs} if warnings else {}
     for run in runs:
         for finding in findings(run.measured):
             is_damage = finding.severity == "warning" and finding.kind in DAMAGING
             (warnings if is_damage else notes).append(f"{run.name}: {finding.text}")
+            if is_damage:
+                first = _first_gap(run.measured.time) if finding.kind == "gap" else -np.inf
+                since[run.name] = min(first, since.get(run.name, np.inf))
     lost = float(np.mean(np.concatenate([~_kept(run) for run in runs])))
     fatal = [f"{100 * lost:.0f} % of the samples are lost"] if lost > QUALITY.most_lost else []
     return DataQuality(
-        fatal=(*fatal, *_dead(fitted or runs), *_copies(runs)), warnings=tuple(warnings), notes=tuple(notes)
+        fatal=(*fatal, *_dead(fitted or runs), *_copies(runs)),
+        warnings=tuple(warnings),
+        notes=tuple(notes),
+        since=since,
     )
+
+
+def _first_gap(time: Array) -> float:
+    """Return the time of the last sample before the first gap [s]."""
+    return float(time[np.argmax(np.diff(time) > long_step(time))])
 
 
 def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:

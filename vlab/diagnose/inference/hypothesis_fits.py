@@ -1,6 +1,6 @@
 """Fits of many hypotheses: quick fits, converged fits, whole runs, other locations."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -338,31 +338,69 @@ def as_meant(whole: LeastSquares, hypotheses: Sequence[Hypothesis]) -> list[Hypo
     return [h for h in found if is_meant(h.long_fit.terms)]
 
 
-def beyond_tolerance(whole: LeastSquares, hypotheses: Sequence[Hypothesis], enough: float) -> list[Hypothesis]:
-    """Return the hypotheses without linear effects within the stated uncertainty.
+def with_tolerances(
+    whole: LeastSquares,
+    before: Hypothesis,
+    hypotheses: Sequence[Hypothesis],
+    enough: float,
+    fit: Callable[[Sequence[Term], Fit], Hypothesis],
+) -> list[Hypothesis]:
+    """Return hypotheses with small linear effects taken as tolerances of the model.
 
-    Beside other errors of the model, such an effect absorbs a part of them. It stays where it explains the recordings.
+    A linear effect within the stated uncertainty absorbs a part of other errors of the model. It is an effect only where
+    it explains the recordings. Elsewhere its residual and evidence count for the hypothesis without the effect, so that a
+    law that acts as the same small stiffness gains nothing beside it.
 
     Parameters
     ----------
     whole : LeastSquares
         Whole runs.
+    before : Hypothesis
+        Calibrated model without effects.
     hypotheses : sequence of Hypothesis
         Hypotheses.
     enough : float
         Normalised residual of an explanation.
+    fit : callable
+        Fits effects, from another fit. It serves hypotheses of which no other lacks just the small effects.
 
     Returns
     -------
     list of Hypothesis
-        Hypotheses.
+        The calibrated model and the hypotheses that remain.
     """
     tolerances = modal_tolerances(whole.problem.reduced_model)
 
-    def is_small(h: Hypothesis) -> bool:
-        return any(is_within_tolerance(term, tolerances) for term in h.long_fit.terms)
+    def essential(h: Hypothesis) -> tuple[Term, ...]:
+        terms = h.long_fit.terms
+        if h.normalised_residual <= enough:
+            return terms
+        return tuple(term for term in terms if not is_within_tolerance(term, tolerances))
 
-    return [h for h in hypotheses if h.normalised_residual <= enough or not is_small(h)]
+    order = by_score([before, *hypotheses])
+    richest: dict[frozenset[str], Hypothesis] = {}
+    for h in order:
+        richest.setdefault(_labels(essential(h)), h)
+    kept = [before, *(h for h in hypotheses if len(essential(h)) == len(h.terms))]
+    known, least = {_labels(h.terms) for h in kept}, max(h.score for h in kept)
+    for labels, h in richest.items():
+        if labels not in known and h.score > least:
+            kept.append(replace(fit(essential(h), h.long_fit), effective_samples=h.effective_samples))
+    return [_with_evidence_of(richest[_labels(h.terms)], h) for h in kept]
+
+
+def _labels(terms: Sequence[Term]) -> frozenset[str]:
+    return frozenset(term.label for term in terms)
+
+
+def _with_evidence_of(richer: Hypothesis, hypothesis: Hypothesis) -> Hypothesis:
+    """Return a hypothesis with residual and score of one with further nuisance effects."""
+    return replace(
+        hypothesis,
+        log_rms_residual=richer.log_rms_residual,
+        negative_log_prior=richer.negative_log_prior + richer.complexity - hypothesis.complexity,
+        normalised_residual=richer.normalised_residual,
+    )
 
 
 def _from_elements(whole: LeastSquares, hypothesis: Hypothesis) -> Hypothesis:

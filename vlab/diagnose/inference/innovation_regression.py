@@ -218,7 +218,9 @@ class Regression:
         float
             Log-likelihood gain [nat].
         """
-        before = float(self.base @ self.e)
+        # least sum of squares and priors; always positive, unlike base @ e beside present values off the prior means
+        off = self.solution + self.pull / self.precision
+        before = float(self.base @ self.base + off @ (self.precision * off))
         after = before - 2 * pull + normal
         if not after > 0:
             return 0.0

@@ -39,7 +39,7 @@ from vlab.diagnose.inference.residual_tones import (
 from vlab.diagnose.inference.screening_cache import ScreeningCache
 from vlab.diagnose.inference.trial_shapes import Shape, TrialShapes
 from vlab.diagnose.parameters.locations import Place, admissible, at_place
-from vlab.diagnose.parameters.terms import Candidate
+from vlab.diagnose.parameters.terms import Candidate, Term
 from vlab.diagnose.predictors.filtered_runs import filter_runs
 from vlab.diagnose.predictors.innovations import Cause, Group, carried, convolved
 from vlab.diagnose.predictors.kalman import stack_runs
@@ -126,8 +126,19 @@ class ScoreTest:
         nuisance = np.hstack([changes, columns_of_offsets(self.groups, self.through)])
         precision = np.concatenate([1.0 / np.maximum(self.reduced_model.prior, 1e-9) ** 2, 1.0 / self.offset_sd**2])
         present = np.concatenate([self.theta, np.zeros(len(self.offset_sd))])
-        self.regression = self._plain = Regression.of(e, nuisance, precision, precision * present, np.linalg.inv)
+        plain = Regression.of(e, nuisance, precision, precision * present, np.linalg.inv)
+        self.regression = self._plain = self._with_effects(plain, self.problem.known)
         self._step = self.regression.cautious()[: len(self.theta)]
+
+    def _with_effects(self, plain: Regression, terms: Sequence[Term]) -> Regression:
+        """Return a regression with free amplitudes of effects taken as present."""
+        if not terms:
+            return plain
+        nuisance = np.hstack([plain.nuisance, *[self.columns_of(term) for term in terms]])
+        precision = np.concatenate([plain.precision, np.full(nuisance.shape[1] - plain.nuisance.shape[1], 1e-12)])
+        pull = np.zeros(len(precision))
+        pull[: len(self.theta)] = precision[: len(self.theta)] * self.theta
+        return Regression.of(plain.e, nuisance, precision, pull, scaled_inverse)
 
     def given(self, candidates: Sequence[Candidate]) -> "ScoreTest":
         """Return the screening with free amplitudes of some candidates.
@@ -144,13 +155,8 @@ class ScoreTest:
         """
         other = copy.copy(self)
         other._cache = self._cache.for_other_residual()
-        plain = self._plain
-        nuisance = np.hstack([plain.nuisance, *[self.columns_of(candidate) for candidate in candidates]])
-        precision = np.concatenate([plain.precision, np.full(nuisance.shape[1] - plain.nuisance.shape[1], 1e-12)])
-        pull = np.zeros(len(precision))
-        pull[: len(self.theta)] = precision[: len(self.theta)] * self.theta
-        other.regression = Regression.of(plain.e, nuisance, precision, pull, scaled_inverse)
-        offsets = len(self.offset_sd)
+        other.regression = self._with_effects(self._plain, candidates)
+        offsets = self._plain.nuisance.shape[1] - len(self.theta)  # with the effects of the case's model
         other.estimate = joint_estimate(self.theta, offsets, candidates, other.regression.solution)
         other.cautious = joint_estimate(self.theta, offsets, candidates, other.regression.cautious())
         return other
@@ -161,12 +167,12 @@ class ScoreTest:
         if not self.keeps_plans:
             self._cache.columns.clear()
 
-    def columns_of(self, candidate: Candidate) -> Array:
+    def columns_of(self, candidate: Term) -> Array:
         """Return the whitened columns (rows, k) of a candidate's amplitudes.
 
         Parameters
         ----------
-        candidate : Candidate
+        candidate : Term
             Candidate.
 
         Returns

@@ -161,6 +161,11 @@ class _Marcher:
         graphs = [trace_expression(self.laws[j].effect, h) for j in self.left]
         if not all(graphs):
             return self._as_written(forces, x)
+        acts = np.any(forces, axis=(0, 1, 2))  # a bench has inputs that no recording uses
+        coils = [law.coil for j in self.left if (law := self.laws[j]).coil is not None]
+        acts |= np.isin(np.arange(len(acts)), coils)
+        given = self._given(0, len(forces))
+        inputs = np.flatnonzero(np.concatenate([acts, np.ones(given.shape[-1], dtype=bool)]))
         laws = [
             LoopLaw(
                 graph=graph,
@@ -169,13 +174,15 @@ class _Marcher:
                 push=law.push[:, 0],
                 direct=law.direct,
                 port=j,
-                coil=law.coil,
+                coil=None if law.coil is None else int(np.count_nonzero(acts[: law.coil])),
             )
             for j, graph in zip(self.left, graphs, strict=True)
             if graph is not None and (law := self.laws[j])
         ]
-        system = Marched(step=self.AT, into=self.into, channels=self.CT, direct=self.direct, seen=self.seen)
-        return integrate_modes(system, laws, forces, self._given(0, len(forces)), x, self.late, h)
+        system = Marched(
+            step=self.AT, into=self.into[:, inputs], channels=self.CT, direct=self.direct[:, inputs], seen=self.seen
+        )
+        return integrate_modes(system, laws, forces[..., acts], given, x, self.late, h)
 
     def _given(self, first: int, count: int) -> Array:
         """Return the forces of time alone, (count, substeps, n_sets, n_runs, n_given)."""

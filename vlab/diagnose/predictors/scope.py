@@ -17,6 +17,7 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import SCOPE
 from vlab.errors import BadCase, BadStructure
 from vlab.fe.second_order import SecondOrderModel
+from vlab.physics.attached import AtPort
 from vlab.plants.base import Plant
 from vlab.plants.linearise import check_free
 from vlab.signals import Array
@@ -182,8 +183,9 @@ def check_scope(case: Case) -> None:
             raise BadCase(
                 f"{label} {name!r} is a muscle, whose force depends on its past; give its force as an input instead"
             )
-    if case.plant.physics:
-        names = ", ".join(sorted({a.effect.name for a in case.plant.physics}))
+    beside = sorted({one.effect.name for one in case.plant.physics if isinstance(one, AtPort)})
+    if beside:
+        names = ", ".join(beside)
         raise BadCase(
             f"{label} [[model.effect]] {names} has no element of MuJoCo's; put it into the model file or leave it out"
         )

@@ -69,7 +69,7 @@ class ForwardSelection:
         """
         out = list(hypotheses)
         if self._goes_on([*out, self.before]) and not any(h.is_one_law for h in out):
-            out += in_all_joints(self.candidates, self._fitted, self.before.long_fit)
+            out += in_all_joints(self.candidates, self.fitted, self.before.long_fit)
         best = by_score([*out, self.before])[0]
         # the uncertain parameters absorb what else is missing, so their prior says little about the law
         one_law = sorted((h for h in out if h.is_one_law), key=lambda h: -(h.score + h.negative_log_prior))[:1]
@@ -117,10 +117,23 @@ class ForwardSelection:
         """Return fits of further effects beside a hypothesis."""
         table = profile(self.whole, seed.long_fit, self._pool())
         chosen = further_effects(seed, table)
-        return side_by_side(lambda c: self._fitted([*seed.long_fit.terms, *terms_of([c])], seed.long_fit), chosen)
+        return side_by_side(lambda c: self.fitted([*seed.long_fit.terms, *terms_of([c])], seed.long_fit), chosen)
 
-    def _fitted(self, terms: Sequence[Term], start: Fit) -> Hypothesis:
-        """Return a hypothesis fitted to whole runs and in windows, scored on both."""
+    def fitted(self, terms: Sequence[Term], start: Fit) -> Hypothesis:
+        """Fit effects to whole runs and in windows.
+
+        Parameters
+        ----------
+        terms : sequence of Term
+            Effects at locations.
+        start : Fit
+            Fit to start from.
+
+        Returns
+        -------
+        Hypothesis
+            Hypothesis scored on both.
+        """
         fit = self.whole.fit(terms, start, FIT.iterations)
         if self.windows.runs == self.whole.runs:
             return replace(scored_by(self.whole, fit), whole=fit)

@@ -8,7 +8,6 @@ import numpy as np
 from vlab.diagnose.inference.evidence import Found, Hypothesis, weighed
 from vlab.diagnose.inference.hypothesis_fits import (
     as_meant,
-    beyond_tolerance,
     by_score,
     each_fitted,
     finished,
@@ -17,6 +16,7 @@ from vlab.diagnose.inference.hypothesis_fits import (
     on_whole_runs,
     other_places,
     scored_by,
+    with_tolerances,
 )
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.score_test import ScoreTest
@@ -143,9 +143,10 @@ def search(
     selection = ForwardSelection(
         before=before, windows=narrow, whole=whole, candidates=candidates, enough=least, deadline=deadline
     )
-    hypotheses = beyond_tolerance(whole, as_meant(whole, selection.extend(hypotheses)), enough)
+    hypotheses = as_meant(whole, selection.extend(hypotheses))
     shares = (whole.noise_share, whole.error_share, whole.effective_samples, whole.integration_share)
     before, *hypotheses = weighed([before, *hypotheses], *shares)
+    before, *hypotheses = with_tolerances(whole, before, hypotheses, enough, selection.fitted)
     hypotheses = by_score(hypotheses)
     places = other_places(rough, hypotheses[0], candidates, before.fit) if hypotheses else {}
     places = {name: replace(h, effective_samples=before.effective_samples) for name, h in places.items()}

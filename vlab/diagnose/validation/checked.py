@@ -73,6 +73,28 @@ class Checked(Distance):
         rate = false_alarm_rate / max(len(self._residuals), 1)
         return all(is_gaussian(left / self._scale(names), rate) for _, names, left in self._residuals)
 
+    def error_until(self, time: float) -> float:
+        """Return the error `before` up to a time.
+
+        Parameters
+        ----------
+        time : float
+            Time of the last sample [s].
+
+        Returns
+        -------
+        float
+            Rms over channels of the error over the recording's rms about its mean; zero without samples or simulation.
+        """
+        if self.standing is None:
+            return 0.0
+        shares = []
+        for name in self.channels:
+            left = self.measured[name] - self.standing[name]
+            rows = self.measured.is_read(name) & (self.measured.time <= time)
+            shares.append(rms(left[rows]) / float(self._scale([name])[0]) if rows.any() else 0.0)
+        return rms(np.array(shares))
+
     @cached_property
     def _residuals(self) -> list[tuple[slice, list[str], Array]]:
         """Residuals of `before` by longest stretches without lost readings.
