@@ -65,9 +65,7 @@ def case_of(folder, *, friction=0.0, stated=STATED, swings=False):
         Channel(column="x", at="encoder", kind=unit[3], unit=unit[1]),
     ]
     uncertain = {"stiffness": 0.02, "damping": 0.2, "mass": 0.02, "gain": 0.02}
-    write_case(
-        folder, title="", mjcf=ARM if swings else CART, uncertain=uncertain, channels=channels, records=records
-    )
+    write_case(folder, title="", mjcf=ARM if swings else CART, uncertain=uncertain, channels=channels, records=records)
     path = folder / "case.toml"
     text = path.read_text()
     at = text.index("[[recording]]")
@@ -102,7 +100,9 @@ def test_a_stated_effect_is_that_effect_as_a_term(tmp_path, swings):
 
 
 def test_a_port_law_without_element_of_mujoco_is_refused_along_a_motion(tmp_path):
-    effect = '[[model.effect]]\nname = "jenkins-slip"\nplace = "joint:slide"\nparameters = { force = 0.1, slip = 0.01 }\n'
+    effect = (
+        '[[model.effect]]\nname = "jenkins-slip"\nplace = "joint:slide"\nparameters = { force = 0.1, slip = 0.01 }\n'
+    )
     with pytest.raises(BadCase, match="jenkins-slip has no element of MuJoCo's"):
         choose_model_class(case_of(tmp_path, stated=effect, swings=True))
 

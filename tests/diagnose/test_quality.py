@@ -97,6 +97,14 @@ def test_a_clock_has_no_samples_in_a_gap():
     assert valid[(grid < 2.98) | (grid > 3.52)].all()
 
 
+def test_a_gap_may_explain_what_follows_it_alone():
+    keep = (TIME < 3.0) | (TIME > 3.5)
+    gap, sound = run_of(TIME[keep], {"a": motion()[keep]}, name="gap"), run_of(TIME, {"a": motion()}, name="sound")
+    damage = assess_quality([gap, sound])
+    assert any("gap" in line for line in damage.warnings)
+    assert damage.since == {"gap": pytest.approx(3.0, abs=0.01)}
+
+
 def test_dead_and_copied_sensors_are_fatal():
     still = run_of(TIME, {"a": motion(), "b": np.full(TIME.size, 0.2)})
     assert [line for line in assess_quality([still]).fatal if "b stands still" in line]

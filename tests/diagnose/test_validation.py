@@ -13,6 +13,7 @@ from rigs import oscillator_case
 
 from vlab import signals
 from vlab.cases import load_case, simulate
+from vlab.diagnose.data.quality import DataQuality
 from vlab.diagnose.inference.sensor_offset import explained_sensor_offsets
 from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.validation.checked import Checked
@@ -253,6 +254,30 @@ def test_a_residual_within_mesh_error_shows_no_linear_element():
     assert verdict("stiffness-to-ground", 0.0121, 0.0090) == "nothing-missing"
     assert verdict("cubic-stiffness", 0.0121, 0.0090) == "missing-physics"  # a mesh is linear
     assert verdict("stiffness-to-ground", 0.0286, 0.0090) == "missing-physics"
+
+
+@pytest.mark.parametrize(("first", "verdict"), [(20.0, "bad-recording"), (5.0, "none-of-these")])
+def test_damage_decides_where_no_mismatch_precedes_it(first, verdict):
+    rng, t = np.random.default_rng(3), 0.01 * np.arange(3000)
+    motion = np.sin(7.0 * t)
+    read = motion + 0.01 * rng.standard_normal(t.size) + 0.3 * (t > first) * np.sin(3.0 * t)
+    channels = (signals.Channel(name="x", kind="displacement", unit="m"),)
+    recorded = signals.Recording(time=t, data=read[:, None], channels=channels)
+    simulated = dataclasses.replace(recorded, data=motion[:, None])
+    one = dataclasses.replace(
+        checked(0.3, 0.3)[0],
+        channels={"x": (0.3, 0.3, 0.3, 0.014)},
+        noise=0.014,
+        run=SimpleNamespace(measured=recorded),
+        simulated=(simulated,) * 3,
+    )
+    assert one.error_until(first) == pytest.approx(0.014, rel=0.1)
+    damage = DataQuality(fatal=(), warnings=("run: 1 gap",), notes=(), since={"run": 20.0})
+    seen = SimpleNamespace(damage=damage, is_missing=False, steps=(), stops=())
+    choice = SimpleNamespace(
+        gained=-1.0, is_prior_driven=False, best=SimpleNamespace(terms=(), normalised_residual=30.0)
+    )
+    assert decide_verdict(choice, [one], seen, is_structure=False, is_plausible=False) == verdict
 
 
 def test_the_zero_that_an_effect_names_is_no_zero_of_the_refit():

@@ -1,6 +1,6 @@
 """Inverse problem of the search in time."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -122,6 +122,30 @@ class Problem:
     def known(self) -> tuple[Term, ...]:
         """Effects of the case's model on commands and readings, present in every hypothesis."""
         return known_terms(self.plant, self.places)
+
+    def beside_known(
+        self, terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int
+    ) -> tuple[list[Term], list[Mapping[str, Array]]]:
+        """Return a hypothesis with the known effects before its own.
+
+        Parameters
+        ----------
+        terms : sequence of Term
+            Effects.
+        values : sequence of mapping
+            Parameter values (n_sets,) of every term.
+        n_sets : int
+            Number of parameter sets.
+
+        Returns
+        -------
+        terms : list of Term
+            Known effects, then the others.
+        values : list of mapping
+            Their parameter values (n_sets,).
+        """
+        stated = [{name: np.full(n_sets, value) for name, value in term.values.items()} for term in self.known]
+        return [*self.known, *terms], [*stated, *values]
 
     @property
     def excited(self) -> tuple[int | None, ...]:

@@ -451,6 +451,9 @@ def decide_verdict(
 
 
 def _may_be_damage(damage: DataQuality, checked: Sequence[Checked]) -> bool:
-    """Return whether damage may explain the mismatch: no recording shows a mismatch before its first damage."""
+    """Return whether damage may explain the mismatch.
+
+    It may not where a recording shows a mismatch before its first damage.
+    """
     sound = (c.error_until(damage.since.get(c.name, np.inf)) > VERDICT.above_noise * c.noise for c in checked)
     return bool(damage.warnings) and not any(sound)

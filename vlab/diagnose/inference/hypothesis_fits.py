@@ -348,8 +348,8 @@ def with_tolerances(
     """Return hypotheses with small linear effects taken as tolerances of the model.
 
     A linear effect within the stated uncertainty absorbs a part of other errors of the model. It is an effect only where
-    it explains the recordings. Elsewhere its residual and evidence count for the hypothesis without the effect, so that a
-    law that acts as the same small stiffness gains nothing beside it.
+    it explains the recordings. Elsewhere its residual and evidence count for the hypothesis without the effect. A law that
+    acts as the same small stiffness then gains nothing beside it.
 
     Parameters
     ----------

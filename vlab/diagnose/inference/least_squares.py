@@ -226,17 +226,9 @@ class LeastSquares:
         (n, n_sets, n_runs, n_channels) array
             Channels, zero beyond a run's end.
         """
-        terms, values = self._beside_known(terms, values, len(theta))
+        terms, values = self.problem.beside_known(terms, values, len(theta))
         y = channels(self.reduced_model, self.highest, runs, terms, theta, values, starts, self.is_rough)
         return self._read(y, runs, terms, theta, values)
-
-    def _beside_known(
-        self, terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int
-    ) -> tuple[list[Term], list[Mapping[str, Array]]]:
-        """Return terms and their values (n_sets,), with the effects of the case's model before them."""
-        known = self.problem.known
-        stated = [{name: np.full(n_sets, value) for name, value in term.values.items()} for term in known]
-        return [*known, *terms], [*stated, *values]
 
     def _read(
         self,

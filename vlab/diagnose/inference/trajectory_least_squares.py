@@ -232,7 +232,7 @@ class TrajectoryLeastSquares(LeastSquares):
     ) -> Array:
         """See `LeastSquares`; `starts` are deviations from the motion."""
         assert len(runs) == len(self.parts)
-        terms, values = self._beside_known(terms, values, len(theta))
+        terms, values = self.problem.beside_known(terms, values, len(theta))
         with np.errstate(all="ignore"):  # a diverged trial keeps its large residual
             y = self._integrated(terms, theta, values, starts)
         return self._read(y, runs, terms, theta, values)

@@ -43,7 +43,9 @@ def known_terms(plant: Plant, places: Sequence[Place]) -> tuple[Term, ...]:
 
 
 def unsearched(plant: Plant) -> tuple[str, ...]:
-    """Return the names of nonlinear port effects, of which the linear class has the tangent alone.
+    """Return the names of nonlinear port effects.
+
+    The linear class has the tangent of such an effect alone.
 
     Parameters
     ----------

@@ -8,6 +8,7 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.diagnose.data.mains_interference import find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.runs import Feedthrough, signals_of
+from vlab.diagnose.parameters.geometry import LENGTH, geometry_about_rest, parts_of_lengths
 from vlab.diagnose.parameters.locations import Place, places_of
 from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, stiffness_of, uncertain_parameters
 from vlab.diagnose.parameters.mjcf_sensitivity import parts_of
@@ -110,8 +111,14 @@ _Uncertainty = tuple[tuple[Uncertain, ...], tuple[Part, ...], tuple[Shift, ...]]
 def _uncertain(case: Case, recorded: RecordedRuns, modes: KeptModes) -> _Uncertainty:
     if case.structure is not None:
         return _uncertain_of_structure(case, case.structure, recorded, modes)
-    parameters = uncertain_parameters(case.plant, case.table.model.uncertain, recorded.names, recorded.driven)
-    return tuple(parameters), parts_of(case.plant, parameters, modes.basis), ()
+    given = case.table.model.uncertain
+    parameters = [
+        *uncertain_parameters(case.plant, given, recorded.names, recorded.driven),
+        *geometry_about_rest(case.plant, given, modes.basis),
+    ]
+    others = [parameter if parameter.kind != LENGTH else replace(parameter, fields=()) for parameter in parameters]
+    parts = (*parts_of(case.plant, others, modes.basis), *parts_of_lengths(case.plant, parameters, modes.basis))
+    return tuple(parameters), parts, ()
 
 
 def _uncertain_of_structure(case: Case, structure: Structure, recorded: RecordedRuns, modes: KeptModes) -> _Uncertainty:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -11,16 +10,16 @@ from vlab.cases.channel_map import Compared
 from vlab.cases.replay_bench import Bench
 from vlab.diagnose.data.mains_interference import MainsInterference, find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.runs import Signals, thinning
-from vlab.diagnose.parameters.centre_of_mass import centres_of_mass
+from vlab.diagnose.parameters.geometry import geometry_parameters
 from vlab.diagnose.parameters.locations import places_of
-from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, of_kind, uncertain_parameters
+from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, uncertain_parameters
 from vlab.diagnose.parameters.observation import ChannelRows
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns, read_runs, recorded_commands
 from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.predictors.step_jacobian import Stepper
 from vlab.diagnose.predictors.trajectory_data import Motion, TrajectoryData, first_motion, read_trajectory_data
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.settings import LOCATIONS, TRAJECTORY_DATA, TRAJECTORY_PRIORS
+from vlab.diagnose.settings import LOCATIONS, TRAJECTORY_DATA
 from vlab.errors import BadStructure
 from vlab.parallel import side_by_side
 from vlab.plants.base import Plant
@@ -79,25 +78,7 @@ def trajectory_parameters(
     list of Uncertain
         Parameters.
     """
-    out = uncertain_parameters(plant, given, channels, driven)
-    model = plant.model
-    numbers = [i for i in range(1, model.nbody) if model.body_mass[i] > 0 and model.body_weldid[i] != 0]
-    bodies = {f"body:{model.body(i).name or f'body{i}'}": i for i in numbers}
-    for kind in ("inertia", "length"):
-        each = {name: (("body_inertia", i),) if kind == "inertia" else _lengths(model, i) for name, i in bodies.items()}
-        out += of_kind(kind, each, given.get(kind, TRAJECTORY_PRIORS.geometry_sd[kind]), given, kind)
-    return out + centres_of_mass(model, bodies, given)
-
-
-def _lengths(model: Any, body: int) -> tuple[tuple[str, int], ...]:
-    """Return the values that scale with a body's length.
-
-    These are its centre of mass, its sites, and the positions of attached bodies.
-    """
-    out = [("body_ipos", body)]
-    out += [("site_pos", i) for i in range(model.nsite) if model.site_bodyid[i] == body]
-    out += [("body_pos", i) for i in range(1, model.nbody) if model.body_parentid[i] == body]
-    return tuple(out)
+    return [*uncertain_parameters(plant, given, channels, driven), *geometry_parameters(plant, given)]
 
 
 def read_trajectory_signals(case: Case) -> tuple[Signals, ...]:

@@ -116,9 +116,7 @@ def search(
         screened=[*shortlist, *candidates],
         start=before.long_fit,
     )
-    enough = SELECTION.explains * floor_of(whole)
-    if problem.case.structure is not None:
-        enough = float(np.sqrt(whole.noise_share + SELECTION.enough_of_mesh * whole.error_share))
+    enough = _explaining(whole)
     is_odd = bool(singles) and violate_priors(
         singles, whole.directions.shape[1], whole.reduced_model.prior, problem.may_vanish
     )
@@ -176,6 +174,13 @@ def _calibrated_error(screen: ScoreTest) -> tuple[LeastSquares, Hypothesis]:
         return narrow, before
     finer = WindowLeastSquares(screen, model_error=SELECTION.finer * narrow.model_error)
     return finer, scored_by(finer, finer.fit((), before.fit))
+
+
+def _explaining(whole: LeastSquares) -> float:
+    """Return the normalised residual of an explanation."""
+    if whole.problem.case.structure is None:
+        return SELECTION.explains * floor_of(whole)
+    return float(np.sqrt(whole.noise_share + SELECTION.enough_of_mesh * whole.error_share))
 
 
 def shows(problem: Problem, effect: Effect) -> bool:

@@ -34,6 +34,7 @@ from vlab.diagnose.settings.inference import (
 )
 from vlab.diagnose.settings.kernels import KERNELS
 from vlab.diagnose.settings.parameters import (
+    GEOMETRY,
     LOCATIONS,
     MESH_CORRECTION,
     MJCF_PRIORS,
@@ -68,7 +69,6 @@ from vlab.diagnose.settings.predictors import (
     TRAJECTORY,
     TRAJECTORY_DATA,
     TRAJECTORY_INTEGRATION,
-    TRAJECTORY_PRIORS,
 )
 from vlab.diagnose.settings.result import ADVICE, DATA_FINDINGS, EXPORT, FINDINGS, FREQUENCY_VERDICT, VERDICT
 from vlab.diagnose.settings.search import (
@@ -119,6 +119,7 @@ __all__ = [
     "FREQUENCY_VALIDATION",
     "FREQUENCY_VERDICT",
     "GAP",
+    "GEOMETRY",
     "HYPOTHESIS_FITS",
     "INNOVATIONS",
     "INTERFERENCE",
@@ -171,7 +172,6 @@ __all__ = [
     "TRAJECTORY_DATA",
     "TRAJECTORY_FIT",
     "TRAJECTORY_INTEGRATION",
-    "TRAJECTORY_PRIORS",
     "TRAJECTORY_SCORE_TEST",
     "TRIAL_SCAN",
     "TRIAL_VALUES",
@@ -241,7 +241,7 @@ SETTINGS: dict[str, Any] = {
     "predictors.trajectory": TRAJECTORY,
     "predictors.trajectory_data": TRAJECTORY_DATA,
     "predictors.trajectory_integration": TRAJECTORY_INTEGRATION,
-    "predictors.trajectory_problem": TRAJECTORY_PRIORS,
+    "parameters.geometry": GEOMETRY,
     "problem": PROBLEM,
     "search.alternative_conventions": ALTERNATIVE_CONVENTIONS,
     "search.attempt": ATTEMPT,

@@ -4,6 +4,21 @@ from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, kw_only=True)
+class GeometrySettings:
+    """Settings of `vlab.diagnose.parameters.geometry`."""
+
+    sd: dict[str, float] = field(default_factory=lambda: {"inertia": 0.03, "length": 0.003})
+    """sd [1]: relative prior standard deviations of inertia and length where a case states none, above 0; default from
+    drawings, untested. Small motion identifies both as mass and stiffness only; raising an entry frees that kind."""
+    hanging: float = 0.5
+    """hanging [1]: share of gravity in a mode's stiffness above which gravity is its spring, 0 to 1; default the larger
+    part. Raising it frees the geometry of fewer models."""
+    step: float = 1e-3
+    """step [1]: relative step of gravity and lengths in derivatives of the modal matrices, above 0; default numerical.
+    Raising it adds truncation error."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class LocationsSettings:
     """Settings of `vlab.diagnose.parameters.locations`."""
 
@@ -188,6 +203,7 @@ class ProblemSettings:
     writes more notes."""
 
 
+GEOMETRY = GeometrySettings()
 LOCATIONS = LocationsSettings()
 MESH_CORRECTION = MeshCorrectionSettings()
 MJCF_PRIORS = MjcfPriorsSettings()

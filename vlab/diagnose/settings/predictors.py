@@ -1,6 +1,6 @@
 """Settings of the predictors."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -291,16 +291,6 @@ class TrajectoryIntegrationSettings:
     detects divergence later."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrajectoryPriorsSettings:
-    """Settings of `vlab.diagnose.predictors.trajectory_problem`."""
-
-    geometry_sd: dict[str, float] = field(default_factory=lambda: {"inertia": 0.03, "length": 0.003})
-    """geometry_sd [1]: relative prior standard deviations of inertia and length where a case states none, above 0;
-    default from drawings, untested. Small motion identifies both as mass and stiffness only; raising an entry frees
-    that kind."""
-
-
 FREQUENCY = FrequencySettings()
 FREQUENCY_MODEL = FrequencyModelSettings()
 FREQUENCY_MODES = FrequencyModesSettings()
@@ -320,4 +310,3 @@ STEP_JACOBIAN = StepJacobianSettings()
 TRAJECTORY = TrajectorySettings()
 TRAJECTORY_DATA = TrajectoryDataSettings()
 TRAJECTORY_INTEGRATION = TrajectoryIntegrationSettings()
-TRAJECTORY_PRIORS = TrajectoryPriorsSettings()
