@@ -67,7 +67,7 @@ class ChainRig:
     def in_reduced_model(self, effects: list[tuple[str, str, dict[str, float]]]) -> np.ndarray:
         """Return the same from the reduced model, (n_samples, n_channels)."""
         refiner = object.__new__(LeastSquares)  # the simulation alone, without what a fit needs
-        refiner.reduced_model = self.problem.reduced_model
+        refiner.problem, refiner.reduced_model = self.problem, self.problem.reduced_model
         refiner.highest = float(np.abs(refiner.reduced_model.omega).max()) / (2 * np.pi)
         places = {name: p for p in self.problem.places for name in (p.name, *p.aliases)}
         terms = [Term(effect=effect_named(n), place=places[at], values=p) for n, at, p in effects]

@@ -7,6 +7,7 @@ import numpy as np
 from vlab.diagnose.diagnosis import NAMING, Attempt
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.parameters.mjcf import Uncertain, prior_deviations
+from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.settings import ADVICE, GAP, MODEL_CHOICE
 from vlab.diagnose.validation.gap import Distance, total, whole_gap
 from vlab.physics.catalogue import CANDIDATES, EFFECTS
@@ -152,7 +153,7 @@ def attempt_sentence(attempt: Attempt) -> str:
     )
 
 
-def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
+def not_excluded(choice: Choice, verdict: str, reported: Sequence[Term]) -> tuple[str, ...]:
     """Return the possibilities that the recordings do not exclude.
 
     Parameters
@@ -161,6 +162,8 @@ def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
         Choice with alternatives.
     verdict : str
         Verdict.
+    reported : sequence of Term
+        Effects of the findings, which a check in MuJoCo may prefer to the choice.
 
     Returns
     -------
@@ -169,14 +172,11 @@ def not_excluded(choice: Choice, verdict: str) -> tuple[str, ...]:
     """
     out: list[str] = []
     if verdict in NAMING and choice.best.terms:
-        others = [h.label for h in choice.alike if h is not choice.best]
+        labels, first = {term.label for term in reported}, choice.best.terms[0]
+        others = [h.label for h in choice.alike if {term.label for term in h.terms} != labels]
         out += [f"{label} has as small a residual" for label in others[:5]]
-        best = choice.best.terms[0].place.name
-        out += [
-            f"{choice.best.terms[0].effect.name} at {p}"
-            for p, share in choice.places.items()
-            if share > 0.05 and p != best
-        ]
+        likely = [p for p, share in choice.places.items() if share > 0.05 and p != first.place.name]
+        out += [f"{first.effect.name} at {p}" for p in likely if first.label in labels]
     elif verdict == "nothing-missing" or verdict in NAMING:
         out.append("effects smaller than the noise and the uncertainty of the model")
     else:

@@ -286,7 +286,7 @@ def _report(
         alternatives=alternatives(choice, problem, verdict, found.before.normalised_residual),
         checked=checked,
         mismatch=_mismatch(checked),
-        not_excluded=not_excluded(choice, verdict),
+        not_excluded=not_excluded(choice, verdict, choice.best.terms),
         next_measurement=_next(choice, verdict, problem, attempt),
         quality=(),
         notes=(

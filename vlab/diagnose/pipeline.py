@@ -425,7 +425,10 @@ class _Pass:
             alternatives=alternatives(choice, problem, verdict, searched.found.before.normalised_residual),
             checked=tuple(checked),
             mismatch=locate_mismatch(checked),
-            not_excluded=(*not_excluded(choice, verdict), *implausible_parameters(problem.parameters, fit.theta)),
+            not_excluded=(
+                *not_excluded(choice, verdict, fit.terms),
+                *implausible_parameters(problem.parameters, fit.theta),
+            ),
             next_measurement=_separating_experiment(searched, judged)
             or next_measurement(choice, verdict, [f.effect for f in findings], attempt),
             attempt=attempt,

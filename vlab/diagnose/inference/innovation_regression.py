@@ -127,6 +127,26 @@ class Regression:
             variance=float(np.mean(base**2)),
         )
 
+    def beside(self, columns: Sequence[Array]) -> "Regression":
+        """Return the regression with free amplitudes of effects taken as present.
+
+        Parameters
+        ----------
+        columns : sequence of (rows, k) array
+            Whitened columns of the effects.
+
+        Returns
+        -------
+        Regression
+            Regression with the columns after the others; the same without columns.
+        """
+        if not columns:
+            return self
+        nuisance = np.hstack([self.nuisance, *columns])
+        more = nuisance.shape[1] - self.nuisance.shape[1]
+        precision, pull = np.pad(self.precision, (0, more), constant_values=1e-12), np.pad(self.pull, (0, more))
+        return Regression.of(self.e, nuisance, precision, pull, scaled_inverse)
+
     def cautious(self) -> Array:
         """Return the coefficients (k,) at a small effective sample size.
 

@@ -71,7 +71,7 @@ def response_to_unit_force(group: Group, row: Array, frequency: Array) -> Any:
     row : (m,) array
         Modal force per unit force.
     frequency : (nf,) array
-        Frequencies [Hz].
+        Frequencies [Hz]; zero counts as the lowest other one.
 
     Returns
     -------
@@ -82,7 +82,10 @@ def response_to_unit_force(group: Group, row: Array, frequency: Array) -> Any:
     C, D = system.C[0], system.D[0]
     poles, vectors = np.linalg.eig(system.A[0] - K @ C)
     push = np.linalg.solve(vectors, (system.B[0] - K @ D) @ row)
-    z = np.exp(2j * np.pi * frequency * group.h)
+    lowest = frequency[
+        frequency > 0
+    ].min()  # the position of a free body, unseen by a rate sensor, has its pole at z = 1
+    z = np.exp(2j * np.pi * np.maximum(frequency, lowest) * group.h)
     seen = (push / (z[:, None] - poles)) @ (C @ vectors).T + D @ row
     return seen @ group.white.T
 

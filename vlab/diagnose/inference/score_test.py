@@ -25,7 +25,6 @@ from vlab.diagnose.inference.innovation_regression import (
     Regression,
     candidates_of,
     joint_estimate,
-    scaled_inverse,
 )
 from vlab.diagnose.inference.nuisance_columns import columns_of_changes, columns_of_offsets, modal_forces_of_changes
 from vlab.diagnose.inference.port_forces import PortForces
@@ -48,6 +47,7 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import SCORE_TEST
 from vlab.parallel import side_by_side
 from vlab.physics.effect import Effect, PickUp
+from vlab.physics.rest_position import has_rest_position
 from vlab.signals import Array
 
 
@@ -127,18 +127,8 @@ class ScoreTest:
         precision = np.concatenate([1.0 / np.maximum(self.reduced_model.prior, 1e-9) ** 2, 1.0 / self.offset_sd**2])
         present = np.concatenate([self.theta, np.zeros(len(self.offset_sd))])
         plain = Regression.of(e, nuisance, precision, precision * present, np.linalg.inv)
-        self.regression = self._plain = self._with_effects(plain, self.problem.known)
+        self.regression = self._plain = plain.beside([self.columns_of(term) for term in self.problem.known])
         self._step = self.regression.cautious()[: len(self.theta)]
-
-    def _with_effects(self, plain: Regression, terms: Sequence[Term]) -> Regression:
-        """Return a regression with free amplitudes of effects taken as present."""
-        if not terms:
-            return plain
-        nuisance = np.hstack([plain.nuisance, *[self.columns_of(term) for term in terms]])
-        precision = np.concatenate([plain.precision, np.full(nuisance.shape[1] - plain.nuisance.shape[1], 1e-12)])
-        pull = np.zeros(len(precision))
-        pull[: len(self.theta)] = precision[: len(self.theta)] * self.theta
-        return Regression.of(plain.e, nuisance, precision, pull, scaled_inverse)
 
     def given(self, candidates: Sequence[Candidate]) -> "ScoreTest":
         """Return the screening with free amplitudes of some candidates.
@@ -155,7 +145,7 @@ class ScoreTest:
         """
         other = copy.copy(self)
         other._cache = self._cache.for_other_residual()
-        other.regression = self._with_effects(self._plain, candidates)
+        other.regression = self._plain.beside([self.columns_of(candidate) for candidate in candidates])
         offsets = self._plain.nuisance.shape[1] - len(self.theta)  # with the effects of the case's model
         other.estimate = joint_estimate(self.theta, offsets, candidates, other.regression.solution)
         other.cautious = joint_estimate(self.theta, offsets, candidates, other.regression.cautious())
@@ -291,10 +281,13 @@ class ScoreTest:
         def at(places: Sequence[Place]) -> list[Candidate]:
             out: list[Candidate] = []
             for place in places:
+                turns = self._turns(place)
                 mine = [
                     at_place(effect, place)
                     for effect in effects
-                    if admissible(effect, place) and (among is None or f"{effect.name}@{place.name}" in among)
+                    if admissible(effect, place)
+                    and (among is None or f"{effect.name}@{place.name}" in among)
+                    and not (turns and has_rest_position(effect))
                 ]
                 out += self._at(place, mine) if mine else []
             return out
@@ -305,6 +298,12 @@ class ScoreTest:
         else:
             found = side_by_side(at, [places[i :: SCORE_TEST.shares] for i in range(SCORE_TEST.shares)])
         return sorted((c for part in found for c in part), key=lambda c: (-c.log_likelihood_gain, c.label))
+
+    def _turns(self, place: Place) -> bool:
+        """Return whether a location turns by more than a revolution."""
+        if place.kind != "port" or not place.angular or len(place.rows) > 1:
+            return False
+        return any(np.any(np.ptp(self.motion(group, place)[0], axis=0) > 2.0 * np.pi) for group in self.groups)
 
     def _columns(self, place: Place, plans: list[tuple[Effect, Shape]]) -> EffectColumns:
         """Return the columns of effects with given shapes at a location."""
