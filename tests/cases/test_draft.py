@@ -293,3 +293,21 @@ def test_what_is_no_model_and_no_log_is_refused_in_one_line(arm, model, log, err
     with pytest.raises(error, match=match) as raised:
         draft_case(str(folder / model), [folder / log], folder)
     assert "\n" not in str(raised.value)
+
+
+MOTOR = """<mujoco><worldbody><body name="rotor"><joint name="shaft" type="hinge" axis="0 0 1"/>
+<inertial pos="0 0 0" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/></body></worldbody>
+<actuator><general name="bridge" joint="shaft" gainprm="0.017" biastype="affine" biasprm="0 0 -0.0017"/></actuator>
+<sensor><jointvel name="speed" joint="shaft"/></sensor></mujoco>"""
+
+
+@pytest.mark.parametrize("name", ["rpm", "RPM", "motor_rpm"])
+def test_a_column_of_turns_a_minute_shows_the_speed_of_a_motor(tmp_path, name):
+    (tmp_path / "motor.xml").write_text(MOTOR)
+    time, one, other = swinging()
+    log = write_table(tmp_path / "log.csv", **{"time": time, "pwm": 100 + 50 * one, name: 300 * other})
+    draft, case = drafted(tmp_path / "motor.xml", [log])
+    assert by_column(draft)["pwm"][2:] == ("", True)  # back-EMF makes no velocity servo of a motor
+    (run, *_) = case.runs(("fit",))
+    measured = run.measured[run.compared[0].channel]
+    assert np.max(np.abs(measured)) == pytest.approx(300 * 2 * np.pi / 60, rel=1e-3)

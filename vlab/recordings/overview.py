@@ -20,14 +20,14 @@ WORDS = {
     "flag": ("flag", "status", "mode", "enabled", "valid", "id", "flags"),
     "command": (
         *("command", "cmd", "action", "target", "goal", "ctrl", "setpoint", "ref", "desired", "u"),
-        *("commanded", "cmds", "actions", "des", "reference", "tgt", "sp", "control"),
+        *("commanded", "cmds", "actions", "des", "reference", "tgt", "sp", "control", "pwm", "duty"),
     ),
     "moment": ("torque", "effort", "tau", "moment", "trq"),
     "force": ("force", "load"),
     "current": ("current", "amp", "amps"),
     "voltage": ("voltage", "volt", "volts"),
     "acceleration": ("acc", "accel", "acceleration", "qacc"),
-    "velocity": ("vel", "velocity", "speed", "qvel", "dq", "qd"),
+    "velocity": ("vel", "velocity", "speed", "qvel", "dq", "qd", "rpm", "omega"),
     "position": (
         *("pos", "position", "qpos", "q", "angle", "state", "displacement", "x", "y", "z"),
         *("ang", "theta", "angles", "positions"),
@@ -48,7 +48,8 @@ UNIT_KINDS = {
     "rad": "position",
 }
 """UNIT_KINDS: quantity that a stated unit suggests, where the name suggests none."""
-ANGULAR = ("rad", "deg")
+TURNING = ("rad", "deg", "rpm")
+"""TURNING: units that are names of columns as well."""
 TURN = 2.0 * np.pi
 """TURN [rad]: largest angle of a joint that is read as radians; a larger number suggests degrees."""
 _SPLIT = re.compile(r"[^a-zA-Z]+|(?<=[a-z])(?=[A-Z])")
@@ -176,13 +177,14 @@ def _of_column(table: Table, name: str) -> ColumnOverview:
 
 
 def _unit_in_name(name: str) -> str:
-    """Return the unit at the end of a name, such as ``force_N``."""
+    """Return the unit at the end of a name, such as ``force_N``, or a name that is a unit of rotation, such as ``rpm``."""
     match = _SUFFIX.search(name)
     if match is None:
-        return ""
+        return name if name.lower() in TURNING else ""
     word = match[1]
     is_bracketed = name.rstrip().endswith(("]", ")"))
-    if not is_bracketed and ((len(word) == 1 and word not in "NVAsm") or word.lower() in sum(WORDS.values(), ())):
+    is_quantity = word.lower() in sum(WORDS.values(), ()) and word.lower() not in TURNING
+    if not is_bracketed and ((len(word) == 1 and word not in "NVAsm") or is_quantity):
         return ""
     return word if units.same_dimension(word, word) else ""
 

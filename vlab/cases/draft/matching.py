@@ -122,7 +122,7 @@ def feedback_of(plant: Plant, name: str) -> str:
     (_, position, velocity), gain = model.actuator_biasprm[numbers[0], :3], model.actuator_gainprm[numbers[0], 0]
     if position < 0.0:
         return "position"
-    return "velocity" if velocity < 0.0 and gain > 0.0 else ""
+    return "velocity" if velocity < 0.0 and gain == -velocity else ""  # a motor with back-EMF has another gain
 
 
 def unit_of(plant: Plant, match: Match) -> str:
