@@ -177,7 +177,7 @@ def _of_column(table: Table, name: str) -> ColumnOverview:
 
 
 def _unit_in_name(name: str) -> str:
-    """Return the unit at the end of a name, such as ``force_N``, or a name that is a unit of rotation, such as ``rpm``."""
+    """Return the unit in a name, such as ``force_N`` or ``rpm``."""
     match = _SUFFIX.search(name)
     if match is None:
         return name if name.lower() in TURNING else ""

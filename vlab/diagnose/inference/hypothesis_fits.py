@@ -11,6 +11,7 @@ from vlab.diagnose.parameters.terms import Candidate, Fit, Term, is_meant, of_el
 from vlab.diagnose.parameters.tolerance import is_within_tolerance, modal_tolerances
 from vlab.diagnose.settings import FIT, HYPOTHESIS_FITS
 from vlab.parallel import side_by_side
+from vlab.physics.effect import LinearPortEffect
 from vlab.signals import Array
 
 
@@ -79,10 +80,9 @@ def each_fitted(refiner: LeastSquares, candidates: Sequence[Candidate], start: F
     list of Hypothesis
         Hypotheses.
     """
-    told = [tried for c in candidates for tried in _of_few_values(refiner, c)]
-    first = side_by_side(
-        lambda c: fitted(refiner, terms_of([c]), start, HYPOTHESIS_FITS.first, c.log_likelihood_gain), told
-    )
+    told = [(tried, HYPOTHESIS_FITS.first) for c in candidates for tried in _of_few_values(refiner, c)]
+    told += [(tried, HYPOTHESIS_FITS.quick) for c in candidates for tried in as_large_as_the_model(refiner, c)]
+    first = side_by_side(lambda of: fitted(refiner, terms_of([of[0]]), start, of[1], of[0].log_likelihood_gain), told)
     best: dict[str, Hypothesis] = {}
     for h in by_score(first):
         best.setdefault(h.label, h)
@@ -112,6 +112,38 @@ def _of_few_values(refiner: LeastSquares, candidate: Candidate) -> list[Candidat
             for k in range(round(p.grid[0]), round(p.grid[-1]) + 1)
         ),
     ]
+
+
+def as_large_as_the_model(refiner: LeastSquares, candidate: Candidate) -> list[Candidate]:
+    """Return a linear effect at the size of the model's own impedance, or none.
+
+    The regression is linear in the effect. A damper that locks a joint, or a support that doubles a frequency, has a second
+    optimum far from the regression's value.
+
+    Parameters
+    ----------
+    refiner : LeastSquares
+        Fits, with the reduced model.
+    candidate : Candidate
+        Candidate with the value of the regression.
+
+    Returns
+    -------
+    list of Candidate
+        The candidate at the size at which a mode's impedance doubles; none for other effects and smaller sizes.
+    """
+    effect, place = candidate.effect, candidate.place
+    if not isinstance(effect, LinearPortEffect) or len(effect.parameters) != 1:
+        return []
+    (parameter,), omega = effect.parameters, refiner.reduced_model.omega
+    moved = np.sum(place.rows**2, axis=0)
+    mass, damping, stiffness = (abs(part) for part in effect.impedance({parameter.name: 1.0}, place.stiffness))
+    change = (mass * omega**2 + damping * omega + stiffness) * moved
+    share = float(np.max(change / omega**2, where=omega > 0.0, initial=0.0))
+    if not share:
+        return []
+    size = min(1.0 / share, parameter.high)
+    return [replace(candidate, values={parameter.name: size})] if size > candidate.values[parameter.name] else []
 
 
 def pairs_fitted(refiner: LeastSquares, pairs: Sequence[tuple[Hypothesis, Candidate]]) -> list[Hypothesis]:

@@ -34,7 +34,29 @@ def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
         if candidate.effect.family not in families and candidate.log_likelihood_gain > SHORTLIST.least_gain * share:
             families.add(candidate.effect.family)
             out.append(candidate)
-    return out
+    labels = {c.label for c in out}
+    return out + [c for c in _plainest(out, candidates) if c.label not in labels]
+
+
+def _plainest(shortlist: Sequence[Candidate], candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return the effect of fewest parameters in every candidate's family at its location.
+
+    A richer law gains more in the regression, which is linear in the amplitudes. A large change, such as a damper that
+    locks a joint, needs a fit.
+    """
+    out: dict[str, Candidate] = {}
+    for one in shortlist:
+        same = [
+            c
+            for c in candidates
+            if (c.effect.family, c.effect.kind, c.place.name) == (one.effect.family, one.effect.kind, one.place.name)
+            and len(c.effect.parameters) < len(one.effect.parameters)
+            and c.log_likelihood_gain > SHORTLIST.least_gain
+        ]
+        if same:
+            plain = min(same, key=lambda c: (len(c.effect.parameters), -c.log_likelihood_gain))
+            out.setdefault(plain.label, plain)
+    return list(out.values())
 
 
 def best_of_effects(candidates: Sequence[Candidate]) -> list[Candidate]:
