@@ -138,8 +138,8 @@ def as_large_as_the_model(refiner: LeastSquares, candidate: Candidate) -> list[C
     (parameter,), omega = effect.parameters, refiner.reduced_model.omega
     moved = np.sum(place.rows**2, axis=0)
     mass, damping, stiffness = (abs(part) for part in effect.impedance({parameter.name: 1.0}, place.stiffness))
-    change = (mass * omega**2 + damping * omega + stiffness) * moved
-    share = float(np.max(change / omega**2, where=omega > 0.0, initial=0.0))
+    change, swings = (mass * omega**2 + damping * omega + stiffness) * moved, omega > 0.0
+    share = float(np.max(change[swings] / omega[swings] ** 2, initial=0.0))
     if not share:
         return []
     size = min(1.0 / share, parameter.high)
