@@ -51,18 +51,46 @@ def test_the_share_of_gravity_is_that_of_a_pendulum_with_a_spring(tmp_path, spri
     assert {p.kind for p in geometry_about_rest(plant, {"inertia": 0.1}, basis)} >= {"inertia"}
 
 
-def test_modal_matrices_follow_inertia_and_length_exactly(tmp_path):
-    problem = prepare(case_of(tmp_path))
+INERTIAL = '<inertial pos="0 0 -0.3" mass="0.4" diaginertia="0.002 0.002 0.001"/>'
+FORMS = {
+    "at the joint": INERTIAL,
+    "below the joint": INERTIAL.replace("-0.3", "0.2"),  # with the joint at 0.5
+    "welded": '<geom size="0.01" mass="0.001"/><body pos="0.05 0 -0.3">'
+    + INERTIAL.replace("0 0 -0.3", "-0.05 0 0")
+    + "</body>",
+    "two masses": INERTIAL + '<body pos="0 0 -0.1"><geom size="0.02" mass="0.1"/></body>',
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_modal_matrices_follow_masses_inertias_and_lengths_exactly(tmp_path, form):
+    case_of(tmp_path)
+    rig = tmp_path / "rig.xml"
+    text = rig.read_text().replace(INERTIAL, FORMS[form])
+    rig.write_text(text.replace('name="pivot"', 'name="pivot" pos="0 0 0.5"') if form == "below the joint" else text)
+    problem = prepare(load_case(tmp_path))
+    rng = np.random.default_rng(7)
+    for _ in range(3):
+        theta = 0.2 * rng.standard_normal(len(problem.parameters))
+        M, _, K, _, _ = problem.reduced_model.matrices(theta[None])
+        linear, shapes = adjusted(problem.plant, problem.parameters, theta).linearise(), problem.reduced_model.shapes
+        assert M[0] == pytest.approx(shapes.T @ linear.M @ shapes, rel=1e-6)
+        assert K[0] == pytest.approx(shapes.T @ linear.K @ shapes, rel=1e-6)
+
+
+def test_the_frequency_follows_the_distance_from_the_axis(tmp_path):
+    case_of(tmp_path)
+    rig = tmp_path / "rig.xml"
+    text = rig.read_text().replace(INERTIAL, FORMS["below the joint"])
+    rig.write_text(text.replace('name="pivot"', 'name="pivot" pos="0 0 0.5"'))
+    problem = prepare(load_case(tmp_path))
     names = [p.name for p in problem.parameters]
     theta = np.zeros(len(names))
-    theta[names.index("inertia")], theta[names.index("length")] = 0.2, -0.1
+    theta[names.index("inertia")], theta[names.index("length")], theta[names.index("mass")] = 0.2, -0.1, 0.1
     M, _, K, _, _ = problem.reduced_model.matrices(theta[None])
-    linear, shapes = adjusted(problem.plant, problem.parameters, theta).linearise(), problem.reduced_model.shapes
-    assert M[0] == pytest.approx(shapes.T @ linear.M @ shapes, rel=1e-6)
-    assert K[0] == pytest.approx(shapes.T @ linear.K @ shapes, rel=1e-6)
-    length = LENGTH * np.exp(-0.1)
-    inertia = INERTIA * np.exp(0.2) + MASS * length**2
-    assert K[0, 0, 0] / M[0, 0, 0] == pytest.approx(MASS * GRAVITY * length / inertia, rel=1e-6)
+    length, mass = LENGTH * np.exp(-0.1), MASS * np.exp(0.1)
+    inertia = INERTIA * np.exp(0.2 + 0.1) + mass * length**2
+    assert K[0, 0, 0] / M[0, 0, 0] == pytest.approx(mass * GRAVITY * length / inertia, rel=1e-6)
 
 
 @pytest.mark.slow

@@ -37,6 +37,14 @@ place = "sensor:encoder"
 parameters = {{ gain = {GAIN - 1:g} }}
 """
 
+CROSSTALK = """
+[[model.effect]]
+name = "crosstalk"
+place = "sensor:encoder/motor"
+parameters = { share = 0.001 }
+
+"""
+
 
 def moved(push, friction, swings):
     """Integrate the rig by a method of order 8; the friction is smooth over 1 mm/s."""
@@ -97,6 +105,21 @@ def test_a_stated_effect_is_that_effect_as_a_term(tmp_path, swings):
     assert np.std(stated) > 0
     if not swings:  # the motion about which the arm is linearised follows from the commands
         assert stated == pytest.approx(plain, rel=0, abs=1e-9 * np.std(plain))
+
+
+def test_a_stated_effect_reaches_a_channel_of_any_name(tmp_path):
+    case_of(tmp_path, stated="")
+    path = tmp_path / "case.toml"
+    text = path.read_text().replace('at = "encoder"', 'at = "encoder"\nname = "tip"')
+    at = text.index("[[recording]]")
+    path.write_text(text[:at] + STATED + CROSSTALK + text[at:])
+    known = choose_model_class(load_case(path)).screen.problem.known
+    places = [(t.effect.name, t.place.kind, t.place.index, t.place.other, t.place.tag) for t in known]
+    assert places == [
+        ("actuator-dead-zone", "actuator", 0, -1, ""),
+        ("sensor-gain", "sensor", 0, -1, ""),
+        ("crosstalk", "pick-up", 0, 0, "command"),
+    ]
 
 
 def test_a_port_law_without_element_of_mujoco_is_refused_along_a_motion(tmp_path):

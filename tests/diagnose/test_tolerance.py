@@ -20,7 +20,8 @@ PLACE = Place(name="tip", kind="port", rows=np.array([[0.5, 0.1]]), stiffness=40
 def model_of(*stated):
     """Return a model with parameters that scale one of its matrices, mass, damping or stiffness."""
     slopes = [tuple(OWN[j] if j == kind else None for j in range(3)) for kind, _ in stated]
-    return SimpleNamespace(m=2, prior=np.array([sd for _, sd in stated]), slopes=lambda theta: slopes)
+    changes = [SimpleNamespace(name="", sd=sd) for _, sd in stated]
+    return SimpleNamespace(m=2, prior=np.zeros(len(stated)), changes=changes, slopes=lambda theta: slopes)
 
 
 STATED = modal_tolerances(model_of((0, 0.02), (1, 0.3), (2, 0.03)))

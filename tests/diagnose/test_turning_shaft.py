@@ -19,7 +19,7 @@ SHAFT = """<mujoco><option timestep="0.001" integrator="RK4" gravity="0 0 0"/><w
 RATE, SECONDS, FRICTION = 100.0, 8.0, 0.006
 
 
-def case_of(folder, level):
+def case_of(folder, level, spring=0.0):
     rng, t, records = np.random.default_rng(2), np.arange(round(RATE * SECONDS)) / RATE, []
     for name, role, size in (("a", "fit", 1.0), ("b", "fit", 1.6), ("c", "holdout", 1.3)):
         push = multisine(rng, 0.3, 4.0, SECONDS, 0.02 * level * size)
@@ -33,7 +33,8 @@ def case_of(folder, level):
         Channel(column="u", at="motor", kind="torque", unit="N m", is_input=True, hold="linear"),
         Channel(column="v", at="tacho", kind="angular velocity", unit="rad/s"),
     ]
-    write_case(folder, title="", mjcf=SHAFT, uncertain={"damping": 0.3}, channels=channels, records=records)
+    mjcf = SHAFT.replace('damping="0.002"', f'damping="0.002" stiffness="{spring}"')
+    write_case(folder, title="", mjcf=mjcf, uncertain={"damping": 0.3}, channels=channels, records=records)
     return load_case(folder)
 
 
@@ -45,6 +46,11 @@ def test_laws_about_a_position_need_a_shaft_that_turns_back(tmp_path, level, tur
     assert (largest > 2 * np.pi) == turns
     about = [c.label for c in screen.candidates(CANDIDATES) if has_rest_position(c.effect)]
     assert bool(about) != turns
+
+
+def test_a_shaft_on_a_spring_may_have_laws_about_its_rest(tmp_path):
+    screen = choose_model_class(case_of(tmp_path, 8.0, spring=1e-4)).screen
+    assert any(has_rest_position(c.effect) for c in screen.candidates(CANDIDATES))
 
 
 @pytest.mark.slow

@@ -121,7 +121,7 @@ class Problem:
     @cached_property
     def known(self) -> tuple[Term, ...]:
         """Effects of the case's model on commands and readings, present in every hypothesis."""
-        return known_terms(self.plant, self.places)
+        return known_terms(self.plant, self.channels)
 
     def beside_known(
         self, terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int

@@ -447,13 +447,21 @@ def decide_verdict(
     follows = partial(_follows, is_structure=is_structure, is_plausible=is_plausible)
     if follows(checked) and follows(fitted()):
         return "nothing-missing"
-    return "bad-recording" if _may_be_damage(seen.damage, [*checked, *fitted()]) else "none-of-these"
+    return (
+        "bad-recording"
+        if _may_be_damage(seen.damage, [*checked, *fitted()], is_structure=is_structure)
+        else "none-of-these"
+    )
 
 
-def _may_be_damage(damage: DataQuality, checked: Sequence[Checked]) -> bool:
+def _may_be_damage(damage: DataQuality, checked: Sequence[Checked], *, is_structure: bool) -> bool:
     """Return whether damage may explain the mismatch.
 
     It may not where a recording shows a mismatch before its first damage.
     """
-    sound = (c.error_until(damage.since.get(c.name, np.inf)) > VERDICT.above_noise * c.noise for c in checked)
-    return bool(damage.warnings) and not any(sound)
+
+    def is_shown(run: Checked) -> bool:
+        sound = run.error_until(damage.since.get(run.name, np.inf))
+        return _shows("before", {"before": sound, "noise": run.noise}, is_structure=is_structure)
+
+    return bool(damage.warnings) and not any(is_shown(run) for run in checked)

@@ -180,7 +180,7 @@ def _unit_in_name(name: str) -> str:
     """Return the unit in a name, such as ``force_N`` or ``rpm``."""
     match = _SUFFIX.search(name)
     if match is None:
-        return name if name.lower() in TURNING else ""
+        return name.lower() if name.lower() in TURNING else ""
     word = match[1]
     is_bracketed = name.rstrip().endswith(("]", ")"))
     is_quantity = word.lower() in sum(WORDS.values(), ()) and word.lower() not in TURNING

@@ -82,9 +82,8 @@ def response_to_unit_force(group: Group, row: Array, frequency: Array) -> Any:
     C, D = system.C[0], system.D[0]
     poles, vectors = np.linalg.eig(system.A[0] - K @ C)
     push = np.linalg.solve(vectors, (system.B[0] - K @ D) @ row)
-    lowest = frequency[
-        frequency > 0
-    ].min()  # the position of a free body, unseen by a rate sensor, has its pole at z = 1
+    # the position of a free body, unseen by a rate sensor, has its pole at z = 1
+    lowest = frequency[frequency > 0].min()
     z = np.exp(2j * np.pi * np.maximum(frequency, lowest) * group.h)
     seen = (push / (z[:, None] - poles)) @ (C @ vectors).T + D @ row
     return seen @ group.white.T

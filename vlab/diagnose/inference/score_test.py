@@ -300,8 +300,9 @@ class ScoreTest:
         return sorted((c for part in found for c in part), key=lambda c: (-c.log_likelihood_gain, c.label))
 
     def _turns(self, place: Place) -> bool:
-        """Return whether a location turns by more than a revolution."""
-        if place.kind != "port" or not place.angular or len(place.rows) > 1:
+        """Return whether a location without restoring force turns by more than a revolution."""
+        is_shaft = place.kind == "port" and place.angular and len(place.rows) == 1
+        if not is_shaft or place.is_held or place.stiffness > 0.0:
             return False
         return any(np.any(np.ptp(self.motion(group, place)[0], axis=0) > 2.0 * np.pi) for group in self.groups)
 

@@ -6,12 +6,15 @@ the inertia about the centre of mass, and the distance of the centre.
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from vlab.diagnose.parameters.centre_of_mass import centres_of_mass
 from vlab.diagnose.parameters.mjcf import Number, Uncertain, of_kind, with_model
+from vlab.diagnose.parameters.mjcf_sensitivity import parts_of
 from vlab.diagnose.parameters.reduced_model import Part
 from vlab.diagnose.settings import GEOMETRY, MJCF_PRIORS
 from vlab.errors import BadStructure
@@ -46,7 +49,7 @@ def geometry_about_rest(plant: Plant, given: Mapping[str, float], basis: Array) 
     """Return inertias and lengths for small motion about rest.
 
     They belong to the model where the case states them, or where gravity is the spring of a mode. They are then as
-    uncertain as the stiffness of a spring. A length is the distance of the centre of mass alone.
+    uncertain as the stiffness of a spring. A length is the distance of a centre of mass from the axis of its joint.
 
     Parameters
     ----------
@@ -66,7 +69,38 @@ def geometry_about_rest(plant: Plant, given: Mapping[str, float], basis: Array) 
     hangs = bool(np.any(gravity_shares(plant, basis) > GEOMETRY.hanging))
     usual = MJCF_PRIORS.default_sd["stiffness"]
     sd = {kind: usual for kind in GEOMETRY.sd if hangs or kind in stated}
-    return _of_bodies(_bodies(plant.model), given, sd, lambda body: (("body_ipos", body),))
+    distances = _distances(plant)
+    every = _of_bodies(_bodies(plant.model), given, sd, lambda body: tuple(distances.get(body, {})))
+    fixed = {number: end for own in distances.values() for number, end in own.items()}
+    return [
+        p if p.kind != LENGTH else replace(p, fields=(), stretched=tuple((n, fixed[n]) for n in p.fields))
+        for p in every
+        if hangs or p.kind in given or p.name in given
+    ]
+
+
+def _distances(plant: Plant) -> dict[int, dict[Number, float]]:
+    """Return the coordinates of the centres of mass with their values on the axis of the joint, by body.
+
+    A body that is welded to another one turns about the joint of that body. Coordinates are those of the body's frame.
+    """
+    model, data = plant.model, plant.new_data()
+    mujoco.mj_forward(model, data)
+    turning = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_BALL))
+    out: dict[int, dict[Number, float]] = {}
+    for body in _bodies(model).values():
+        root = int(model.body_weldid[body])
+        joints = range(model.body_jntadr[root], model.body_jntadr[root] + model.body_jntnum[root])
+        joint = next((j for j in joints if int(model.jnt_type[j]) in turning), None)
+        if joint is None:
+            continue
+        arm, axis = data.xipos[body] - data.xanchor[joint], data.xaxis[joint]
+        if model.jnt_type[joint] == turning[0]:
+            arm = arm - (arm @ axis) * axis
+        own = data.xmat[body].reshape(3, 3).T @ arm
+        on_axis = model.body_ipos[body] - own
+        out[body] = {("body_ipos", (body, k)): float(on_axis[k]) for k in range(3) if abs(own[k]) > GEOMETRY.least}
+    return out
 
 
 def gravity_shares(plant: Plant, basis: Array) -> Array:
@@ -100,46 +134,97 @@ def gravity_shares(plant: Plant, basis: Array) -> Array:
     return np.divide(share, whole, out=np.zeros_like(share), where=np.abs(whole) > 0.0)
 
 
-def parts_of_lengths(plant: Plant, parameters: Sequence[Uncertain], basis: Array) -> tuple[Part, ...]:
-    """Return the modal matrix parts under the distances of centres of mass.
+def parts_about_rest(plant: Plant, parameters: Sequence[Uncertain], basis: Array) -> tuple[Part, ...]:
+    """Return the modal matrix parts under uncertain parameters with distances of centres of mass.
 
-    The mass matrix is quadratic in a distance, and the stiffness by gravity linear. Three values of the distance give both
-    coefficients exactly.
+    The part of a body's mass in the mass matrix is quadratic in the distance, and the stiffness by gravity linear. Values at
+    three distances give all coefficients exactly while the equilibrium stays.
 
     Parameters
     ----------
     plant : Plant
         Nominal plant.
     parameters : sequence of Uncertain
-        Uncertain parameters; only those of the kind `LENGTH` have such parts.
+        Uncertain parameters.
     basis : (nv, m) array
         Mode shapes.
 
     Returns
     -------
     tuple of Part
-        Parts of M and K.
+        Parts of M, C and K.
     """
-    by: dict[tuple[int, ...], list[Number]] = {}
-    numbers = {number for p in parameters if p.kind == LENGTH for number in p.fields}
-    for number in sorted(numbers, key=str):
-        multiplied = tuple(i for i, p in enumerate(parameters) if number in p.fields)
-        by.setdefault(multiplied, []).append(number)
-    return tuple(part for own, fields in by.items() for part in _parts_of_length(plant, fields, own, basis))
+    groups: dict[tuple[tuple[int, ...], tuple[int, ...]], list[int]] = {}
+    for body in _bodies(plant.model).values():
+        by_mass = tuple(i for i, p in enumerate(parameters) if ("body_mass", body) in p.fields)
+        by_length = tuple(i for i, p in enumerate(parameters) if _is_stretched(p, body))
+        if by_length:
+            groups.setdefault((by_mass, by_length), []).append(body)
+    masses = {("body_mass", body) for bodies in groups.values() for body in bodies}
+    others = [replace(p, fields=tuple(n for n in p.fields if n not in masses)) for p in parameters]
+    parts = list(parts_of(plant, others, basis))
+    for (by_mass, by_length), bodies in groups.items():
+        ends = [(n, end) for n, end in parameters[by_length[0]].stretched if _body_of(n) in bodies]
+        parts += _parts_of_mass(plant, bodies, ends, (by_mass, by_length), basis)
+    return tuple(parts)
 
 
-def _parts_of_length(plant: Plant, fields: Sequence[Number], by: tuple[int, ...], basis: Array) -> list[Part]:
-    def matrices(factor: float) -> tuple[Array, Array]:
+def _is_stretched(parameter: Uncertain, body: int) -> bool:
+    return any(_body_of(number) == body for number, _ in parameter.stretched)
+
+
+def _body_of(number: Number) -> int:
+    """Return the body of a coordinate."""
+    _, index = number
+    return index[0] if isinstance(index, tuple) else index
+
+
+def _parts_of_mass(
+    plant: Plant,
+    bodies: Sequence[int],
+    ends: Sequence[tuple[Number, float]],
+    by: tuple[tuple[int, ...], tuple[int, ...]],
+    basis: Array,
+) -> list[Part]:
+    """Return the parts of bodies' masses by powers of the distance.
+
+    Parameters
+    ----------
+    plant : Plant
+        Nominal plant.
+    bodies : sequence of int
+        Bodies under the same parameters.
+    ends : sequence of tuple
+        Coordinates of their centres of mass, with the values on the axis.
+    by : tuple of tuple of int
+        Parameters of the masses, and of the distances.
+    basis : (nv, m) array
+        Mode shapes.
+    """
+    step = GEOMETRY.step
+
+    def matrices(mass: float, distance: float) -> tuple[Array, Array]:
         model = copy.copy(plant.model)
-        for name, index in fields:
-            getattr(model, name)[index] *= factor
+        model.body_mass[list(bodies)] *= mass
+        for (name, index), end in ends:
+            values = getattr(model, name)
+            values[index] = end + (values[index] - end) * distance
         linear = with_model(plant, model).linearise()
         return basis.T @ linear.M @ basis, basis.T @ linear.K @ basis
 
-    (low_m, low_k), (mass, _), (high_m, high_k) = (matrices(1.0 + step) for step in (-GEOMETRY.step, 0, GEOMETRY.step))
-    square = (high_m - 2.0 * mass + low_m) / (2.0 * GEOMETRY.step**2)
-    line = (high_m - low_m) / (2.0 * GEOMETRY.step) - 2.0 * square
-    return [Part(by=by, M=line, K=(high_k - low_k) / (2.0 * GEOMETRY.step)), Part(by=by + by, M=square)]
+    def by_mass(distance: float) -> tuple[Array, Array]:
+        high, low = matrices(1.0 + step, distance), matrices(1.0 - step, distance)
+        return (high[0] - low[0]) / (2.0 * step), (high[1] - low[1]) / (2.0 * step)
+
+    (low_m, low_k), (mass, stiffness), (high_m, high_k) = (by_mass(1.0 + change) for change in (-step, 0.0, step))
+    square = (high_m - 2.0 * mass + low_m) / (2.0 * step**2)
+    line, line_k = (high_m - low_m) / (2.0 * step) - 2.0 * square, (high_k - low_k) / (2.0 * step)
+    masses, lengths = by
+    return [
+        Part(by=masses, M=mass - line - square, K=stiffness - line_k),
+        Part(by=masses + lengths, M=line, K=line_k),
+        Part(by=masses + lengths + lengths, M=square),
+    ]
 
 
 def _bodies(model: Any) -> dict[str, int]:

@@ -5,23 +5,26 @@ gain of a sensor) act beside MuJoCo. The search takes such effects as present wi
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
+from vlab.cases.channel_map import Compared
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Term
 from vlab.physics.attached import AtActuator, AtPort, AtSensor
 from vlab.physics.effect import LinearPortEffect
+from vlab.physics.running import tap_index
 from vlab.plants.base import Plant
 
 
-def known_terms(plant: Plant, places: Sequence[Place]) -> tuple[Term, ...]:
+def known_terms(plant: Plant, channels: Sequence[Compared]) -> tuple[Term, ...]:
     """Return the effects of a plant on commands and readings as terms.
 
     Parameters
     ----------
     plant : Plant
         Plant with its effects.
-    places : sequence of Place
-        Locations of the inverse problem.
+    channels : sequence of Compared
+        Compared channels.
 
     Returns
     -------
@@ -30,16 +33,54 @@ def known_terms(plant: Plant, places: Sequence[Place]) -> tuple[Term, ...]:
     """
     out = []
     for one in plant.physics:
-        place = None
         if isinstance(one, AtActuator):
-            place = Place(name=f"actuator:{plant.actuators[one.index].name}", kind="actuator", index=one.index)
+            out.append(at_actuator(plant, one))
         elif isinstance(one, AtSensor):
-            sensor, other = f"sensor:{one.name.removeprefix('sensor:')}", one.other.rpartition(":")[2]
-            name = f"{sensor}/{other}" if other else sensor
-            place = next((p for p in places if p.name == name), None)
-        if place is not None:
-            out.append(Term(effect=one.effect, place=place, values=dict(one.values)))
+            out += at_sensor(plant, one, channels)
     return tuple(out)
+
+
+def at_actuator(plant: Plant, one: AtActuator) -> Term:
+    """Return the term of an actuator's effect."""
+    place = Place(name=f"actuator:{plant.actuators[one.index].name}", kind="actuator", index=one.index)
+    return Term(effect=one.effect, place=place, values=dict(one.values))
+
+
+def at_sensor(plant: Plant, one: AtSensor, channels: Sequence[Compared]) -> list[Term]:
+    """Return the terms of a sensor's effect on the channels that read the sensor.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    one : AtSensor
+        Effect.
+    channels : sequence of Compared
+        Compared channels.
+
+    Returns
+    -------
+    list of Term
+        Terms; none for a pick-up from a sensor without a channel.
+    """
+    own, out = tap_index(plant.sensors, one.name), []
+    for k, compared in enumerate(channels):
+        if compared.channel != one.name and (own is None or compared.sensor != own):
+            continue
+        place = Place(name=f"sensor:{compared.channel.removeprefix('sensor:')}", kind="sensor", index=k)
+        if one.other:
+            is_command = "command" in one.effect.needs
+            if is_command:
+                other = plant.actuator_index(one.other)
+            else:
+                sensor = plant.sensor_index(one.other)
+                other = next((j for j, c in enumerate(channels) if c.sensor == sensor), -1)
+            if other < 0:
+                continue
+            tag = "command" if is_command else "sensor"
+            place = replace(place, name=f"{place.name}/{one.other}", kind="pick-up", other=other, tag=tag)
+        out.append(Term(effect=one.effect, place=place, values=dict(one.values)))
+    return out
 
 
 def unsearched(plant: Plant) -> tuple[str, ...]:

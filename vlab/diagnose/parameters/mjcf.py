@@ -75,6 +75,8 @@ class Uncertain:
         Multiplied values of the model.
     shifted : tuple of (Number, float)
         Values of the model that are moved instead, and by how much per unit of the parameter.
+    stretched : tuple of (Number, float)
+        Values of the model whose distance from a fixed value is multiplied, such as a position from an axis.
     actuator, sensor : int or None
         Actuator or channel whose gain is multiplied.
     """
@@ -83,6 +85,7 @@ class Uncertain:
     kind: str
     sd: float
     fields: tuple[Number, ...] = ()
+    stretched: tuple[tuple[Number, float], ...] = ()
     shifted: tuple[tuple[Number, float], ...] = ()
     actuator: int | None = None
     sensor: int | None = None
@@ -98,6 +101,11 @@ class Uncertain:
         fields = [name for name, _ in self.fields]
         return self.actuator is not None or (bool(fields) and all(name.startswith("actuator_") for name in fields))
 
+    @property
+    def multiplied(self) -> tuple[Number, ...]:
+        """Values of the model that the factor multiplies, wholly or in part."""
+        return (*self.fields, *(number for number, _ in self.stretched))
+
     def apply(self, model: Any, value: float) -> None:
         """Change the model's values in place.
 
@@ -112,6 +120,9 @@ class Uncertain:
             getattr(model, name)[index] *= float(np.exp(value))
         for (name, index), size in self.shifted:
             getattr(model, name)[index] += size * value
+        for (name, index), fixed in self.stretched:
+            values = getattr(model, name)
+            values[index] = fixed + (values[index] - fixed) * float(np.exp(value))
 
     def change(self, difference: Array) -> Array:
         """Return the values' relative change, or shift, for parameter differences."""
@@ -239,9 +250,9 @@ def redundant(parameters: Sequence[Uncertain]) -> Array:
     (k, n_parameters) array
         Directions in standard deviations.
     """
-    if any(p.actuator is None and p.sensor is None and not (p.fields or p.shifted) for p in parameters):
+    if any(p.actuator is None and p.sensor is None and not (p.multiplied or p.shifted) for p in parameters):
         return np.zeros((0, len(parameters)))  # parameters of a structure multiply disjoint values
-    numbers = sorted({number for p in parameters for number in p.fields}, key=str)
+    numbers = sorted({number for p in parameters for number in p.multiplied}, key=str)
     actuators = sorted({p.actuator for p in parameters if p.actuator is not None})
     spread = _spread(parameters, numbers, actuators)
     sensors = [[float(p.sensor == i) for p in parameters] for i in {p.sensor for p in parameters} - {None}]
@@ -254,7 +265,7 @@ def _spread(parameters: Sequence[Uncertain], numbers: Sequence[Number], actuator
 
     The shape is (n_numbers + n_actuators, n_parameters).
     """
-    fields = [set(p.fields) for p in parameters]
+    fields = [set(p.multiplied) for p in parameters]
     rows = [[float(number in own) for own in fields] for number in numbers]
     rows += [[float(p.actuator == i) for p in parameters] for i in actuators]
     return np.reshape(rows, (len(rows), len(parameters))) * [p.sd for p in parameters]

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vlab.diagnose.parameters.geometry import LENGTH
 from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.settings import TOLERANCE
@@ -18,7 +19,8 @@ from vlab.signals import Array
 def modal_tolerances(reduced_model: ReducedModel) -> tuple[Array, Array, Array]:
     """Return the tolerances of modal mass, damping and stiffness.
 
-    The standard deviations of all uncertain parameters combine in quadrature.
+    The standard deviations of all uncertain parameters combine in quadrature. A length changes mass and stiffness together,
+    unlike a linear effect, and does not count.
 
     Parameters
     ----------
@@ -32,7 +34,8 @@ def modal_tolerances(reduced_model: ReducedModel) -> tuple[Array, Array, Array]:
     """
     slopes = reduced_model.slopes(np.zeros(len(reduced_model.prior)))
     out = np.zeros((3, reduced_model.m))
-    for sd, matrices in zip(reduced_model.prior, slopes, strict=True):
+    for change, matrices in zip(reduced_model.changes, slopes, strict=True):
+        sd = 0.0 if change.name.rpartition(":")[2] == LENGTH else change.sd
         for total, matrix in zip(out, matrices, strict=True):
             if matrix is not None:
                 total += (sd * np.diag(matrix)) ** 2

@@ -8,6 +8,7 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.cases.channel_map import Compared
 from vlab.diagnose.data.responses import Measured, Modes, Response
+from vlab.diagnose.parameters.known_effects import at_actuator, at_sensor
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.observation import ChannelRows, channel_rows
 from vlab.diagnose.parameters.reduced_model import observable
@@ -289,34 +290,11 @@ def _physics(plant: Plant, basis: Array, wires: Wires) -> tuple[tuple[Term, ...]
             place = Place(name=one.port.name, kind="port", rows=rows, stiffness=one.stiffness)
             fixed.append(Term(effect=one.effect, place=place, values=one.values))
         elif isinstance(one, AtActuator):
-            place = Place(name=plant.actuators[one.index].name, kind="actuator", index=one.index)
-            fixed.append(Term(effect=one.effect, place=place, values=one.values))
+            fixed.append(at_actuator(plant, one))
         elif isinstance(one, AtSensor):
-            fixed += _at_sensor(plant, one, wires)
+            fixed += at_sensor(plant, one, wires.outputs)
     for law in native_laws(plant):
         if has_describing_function(law.effect):
             place = Place(name=law.place, kind="port", rows=plant.port_rows([law.place]) @ basis)
             fixed.append(Term(effect=law.effect, place=place, values=law.values))
     return tuple(fixed), tuple(left_out)
-
-
-def _at_sensor(plant: Plant, one: AtSensor, wires: Wires) -> list[Term]:
-    """Return the terms of a sensor's effect on its outputs."""
-    own = tap_index(plant.sensors, one.name)
-    out = []
-    for k, compared in enumerate(wires.outputs):
-        if compared.channel != one.name and (own is None or compared.sensor != own):
-            continue
-        if not one.other:
-            out.append(Term(effect=one.effect, place=Place(name=one.name, kind="sensor", index=k), values=one.values))
-            continue
-        tag = "command" if "command" in one.effect.needs else "sensor"
-        if tag == "command":
-            other = plant.actuator_index(one.other)
-        else:
-            sensor = plant.sensor_index(one.other)
-            other = next((j for j, c in enumerate(wires.outputs) if c.sensor == sensor), -1)
-        if other >= 0:
-            place = Place(name=f"{one.name}/{one.other}", kind="pick-up", index=k, other=other, tag=tag)
-            out.append(Term(effect=one.effect, place=place, values=one.values))
-    return out

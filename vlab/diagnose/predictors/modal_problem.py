@@ -8,10 +8,9 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.diagnose.data.mains_interference import find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.runs import Feedthrough, signals_of
-from vlab.diagnose.parameters.geometry import LENGTH, geometry_about_rest, parts_of_lengths
+from vlab.diagnose.parameters.geometry import geometry_about_rest, parts_about_rest
 from vlab.diagnose.parameters.locations import Place, places_of
 from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, stiffness_of, uncertain_parameters
-from vlab.diagnose.parameters.mjcf_sensitivity import parts_of
 from vlab.diagnose.parameters.mode_selection import KeptModes, as_stepped, kept_modes
 from vlab.diagnose.parameters.observation import channel_rows, command_feedthrough
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns, limited, read_runs, recorded_commands
@@ -116,9 +115,7 @@ def _uncertain(case: Case, recorded: RecordedRuns, modes: KeptModes) -> _Uncerta
         *uncertain_parameters(case.plant, given, recorded.names, recorded.driven),
         *geometry_about_rest(case.plant, given, modes.basis),
     ]
-    others = [parameter if parameter.kind != LENGTH else replace(parameter, fields=()) for parameter in parameters]
-    parts = (*parts_of(case.plant, others, modes.basis), *parts_of_lengths(case.plant, parameters, modes.basis))
-    return tuple(parameters), parts, ()
+    return tuple(parameters), parts_about_rest(case.plant, parameters, modes.basis), ()
 
 
 def _uncertain_of_structure(case: Case, structure: Structure, recorded: RecordedRuns, modes: KeptModes) -> _Uncertainty:

@@ -13,9 +13,12 @@ class GeometrySettings:
     hanging: float = 0.5
     """hanging [1]: share of gravity in a mode's stiffness above which gravity is its spring, 0 to 1; default the larger
     part. Raising it frees the geometry of fewer models."""
-    step: float = 1e-3
-    """step [1]: relative step of gravity and lengths in derivatives of the modal matrices, above 0; default numerical.
-    Raising it adds truncation error."""
+    step: float = 0.01
+    """step [1]: relative step of gravity, masses and distances in differences of the modal matrices, above 0; default
+    numerical, for polynomials of second degree. Raising it adds error where the equilibrium moves."""
+    least: float = 1e-6
+    """least [m]: least distance of a centre of mass from an axis, above 0; default numerical. Raising it fixes more
+    centres."""
 
 
 @dataclass(frozen=True, kw_only=True)
