@@ -7,8 +7,9 @@ from test_reduced_model_inputs import MOTOR, RIG
 from vlab.cases import load_case
 from vlab.diagnose.data.runs import liveliest
 from vlab.diagnose.parameters.holdout import read_holdout
-from vlab.diagnose.parameters.mjcf import uncertain_parameters, unused
+from vlab.diagnose.parameters.mjcf import uncertain_parameters
 from vlab.diagnose.parameters.static_offset import remove_static_offsets
+from vlab.diagnose.parameters.unused_entries import unused
 from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.search.model_class import choose_model_class
 from vlab.diagnose.validation.simulation import ExtendedModel, check

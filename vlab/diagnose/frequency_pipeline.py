@@ -23,8 +23,8 @@ from vlab.diagnose.findings import (
     one_per_law,
 )
 from vlab.diagnose.inference.model_choice import Choice, choose_model
-from vlab.diagnose.parameters.mjcf import unused
 from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.parameters.unused_entries import unused
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem, prepare_frequency
 from vlab.diagnose.search.attempt import best_attempt
 from vlab.diagnose.search.cross_validation import LeftOut, cross_validate

@@ -12,7 +12,7 @@ from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.parameters.known_effects import known_terms, unsearched
 from vlab.diagnose.parameters.locations import Place
-from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, common_scale, redundant, unused
+from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, common_scale, redundant
 from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.parameters.structure import adjusted_structure
 from vlab.diagnose.parameters.structure_sensitivity import (
@@ -20,6 +20,7 @@ from vlab.diagnose.parameters.structure_sensitivity import (
     frequencies_of_reduced_model,
 )
 from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.parameters.unused_entries import unused
 from vlab.diagnose.settings import PROBLEM
 from vlab.plants.base import Plant
 from vlab.signals import Array

@@ -80,7 +80,7 @@ def geometry_about_rest(plant: Plant, given: Mapping[str, float], basis: Array) 
 
 
 def _distances(plant: Plant) -> dict[int, dict[Number, float]]:
-    """Return the coordinates of the centres of mass with their values on the axis of the joint, by body.
+    """Return the centres' coordinates with their values on the axes.
 
     A body that is welded to another one turns about the joint of that body. Coordinates are those of the body's frame.
     """
