@@ -83,8 +83,9 @@ def channels(
     if residual.r and moving.any():
         still = StaticStart(K=K, m=reduced_model.m, is_moving=moving)
         held = np.broadcast_to(forces[0], (n_sets, *forces.shape[2:])) @ known.swapaxes(1, 2)
-        laws = [law_at_start(terms[i], values[i], runs, n_sets) for i in ports]
-        starts = _in_equilibrium(still, starts, held, list(zip(laws, seen, pushes, strict=True)), MODAL.brief * h)
+        with np.errstate(all="ignore"):  # a diverged trial
+            laws = [law_at_start(terms[i], values[i], runs, n_sets) for i in ports]
+            starts = _in_equilibrium(still, starts, held, list(zip(laws, seen, pushes, strict=True)), MODAL.brief * h)
     system = discretise(M, C, K, inputs, residual.channels(reduced_model.rows), h / substeps)
     if reduced_model.shifts:
         system = replace(system, C=system.C + residual.states(reduced_model.shifted(theta)))
