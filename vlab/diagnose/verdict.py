@@ -447,11 +447,10 @@ def decide_verdict(
     follows = partial(_follows, is_structure=is_structure, is_plausible=is_plausible)
     if follows(checked) and follows(fitted()):
         return "nothing-missing"
-    return (
-        "bad-recording"
-        if _may_be_damage(seen.damage, [*checked, *fitted()], is_structure=is_structure)
-        else "none-of-these"
-    )
+    if not seen.damage.warnings:
+        return "none-of-these"
+    may_be_damage = _may_be_damage(seen.damage, [*checked, *fitted()], is_structure=is_structure)
+    return "bad-recording" if may_be_damage else "none-of-these"
 
 
 def _may_be_damage(damage: DataQuality, checked: Sequence[Checked], *, is_structure: bool) -> bool:
@@ -464,4 +463,4 @@ def _may_be_damage(damage: DataQuality, checked: Sequence[Checked], *, is_struct
         sound = run.error_until(damage.since.get(run.name, np.inf))
         return _shows("before", {"before": sound, "noise": run.noise}, is_structure=is_structure)
 
-    return bool(damage.warnings) and not any(is_shown(run) for run in checked)
+    return not any(is_shown(run) for run in checked)

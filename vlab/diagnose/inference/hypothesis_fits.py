@@ -80,9 +80,14 @@ def each_fitted(refiner: LeastSquares, candidates: Sequence[Candidate], start: F
     list of Hypothesis
         Hypotheses.
     """
-    told = [(tried, HYPOTHESIS_FITS.first) for c in candidates for tried in _of_few_values(refiner, c)]
-    told += [(tried, HYPOTHESIS_FITS.quick) for c in candidates for tried in as_large_as_the_model(refiner, c)]
-    first = side_by_side(lambda of: fitted(refiner, terms_of([of[0]]), start, of[1], of[0].log_likelihood_gain), told)
+    trials = [(c, HYPOTHESIS_FITS.first) for one in candidates for c in _of_few_values(refiner, one)]
+    trials += [(c, HYPOTHESIS_FITS.quick) for one in candidates for c in as_large_as_the_model(refiner, one)]
+
+    def tried(trial: tuple[Candidate, int]) -> Hypothesis:
+        candidate, iterations = trial
+        return fitted(refiner, terms_of([candidate]), start, iterations, candidate.log_likelihood_gain)
+
+    first = side_by_side(tried, trials)
     best: dict[str, Hypothesis] = {}
     for h in by_score(first):
         best.setdefault(h.label, h)

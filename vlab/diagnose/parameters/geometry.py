@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from vlab.diagnose.parameters.centre_of_mass import centres_of_mass
-from vlab.diagnose.parameters.mjcf import Number, Uncertain, of_kind, with_model
+from vlab.diagnose.parameters.mjcf import Number, Uncertain, adjusted, of_kind, with_model
 from vlab.diagnose.parameters.mjcf_sensitivity import parts_of
 from vlab.diagnose.parameters.reduced_model import Part
 from vlab.diagnose.settings import GEOMETRY, MJCF_PRIORS
@@ -201,15 +201,14 @@ def _parts_of_mass(
     basis : (nv, m) array
         Mode shapes.
     """
-    step = GEOMETRY.step
+    step, fields = GEOMETRY.step, tuple(("body_mass", body) for body in bodies)
+    both = [
+        Uncertain(name="", kind="mass", sd=1.0, fields=fields),
+        Uncertain(name="", kind=LENGTH, sd=1.0, stretched=tuple(ends)),
+    ]
 
     def matrices(mass: float, distance: float) -> tuple[Array, Array]:
-        model = copy.copy(plant.model)
-        model.body_mass[list(bodies)] *= mass
-        for (name, index), end in ends:
-            values = getattr(model, name)
-            values[index] = end + (values[index] - end) * distance
-        linear = with_model(plant, model).linearise()
+        linear = adjusted(plant, both, np.log([mass, distance])).linearise()
         return basis.T @ linear.M @ basis, basis.T @ linear.K @ basis
 
     def by_mass(distance: float) -> tuple[Array, Array]:
