@@ -1,5 +1,6 @@
 """Two carriages of which the first meets a stop in the recording to fit, and not in the one kept aside."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -56,8 +57,8 @@ def motion(force: np.ndarray, *, masses, springs, dampings, gap: float) -> np.nd
     return out
 
 
-def stop_case(folder: Path | str, *, holdout: float = 0.4, gap: float = GAP) -> Rig:
-    """Write the case: 4 s at 500 Hz from rest, one recording to fit that meets the stop, one held out.
+def stop_case(folder: Path | str, *, holdout: float = 0.4, gap: float = GAP, loud: Sequence[float] = (1.0,)) -> Rig:
+    """Write the case: 4 s at 500 Hz from rest, recordings to fit that meet the stop, one held out.
 
     Parameters
     ----------
@@ -65,11 +66,14 @@ def stop_case(folder: Path | str, *, holdout: float = 0.4, gap: float = GAP) -> 
         Level of the recording kept aside over that of the other one: 0.4 does not reach the stop, 0.9 does.
     gap : float
         Of the stop [m]; infinite for none.
+    loud : sequence of float
+        Levels of the recordings to fit.
     """
     rng = np.random.default_rng(5)
     time = np.arange(round(SECONDS * RATE)) / RATE
     records = []
-    for name, role, level in (("loud", "fit", 1.0), ("aside", "holdout", holdout)):
+    fitted = [("loud" if not i else f"loud {i + 1}", "fit", level) for i, level in enumerate(loud)]
+    for name, role, level in (*fitted, ("aside", "holdout", holdout)):
         force = 2.4 * level * multisine(rng, 0.5, 12.0, SECONDS, 1.0)(time) * np.minimum(time / 0.2, 1.0)
         y = motion(force, gap=gap, **BUILT)
         y = y + NOISE * rng.standard_normal(y.shape)

@@ -11,6 +11,7 @@ from vlab.cases import load_case
 from vlab.diagnose.diagnosis import Attempt
 from vlab.diagnose.findings import graded, one_per_law
 from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.inference.fit_at_optimum import information_on
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Candidate, Term
@@ -118,10 +119,25 @@ def test_another_error_of_a_refuted_model_is_as_likely_as_its_effect():
 
 
 def test_parameters_beyond_the_quantile_refute_a_model():
-    fit = replace(fit_of(), theta=np.zeros(4), cost=100.0)
+    fit = replace(fit_of(), cost=100.0, information=np.ones(4))
     # 99 % quantile of chi-squared with 4 degrees of freedom: 13.277 (any table)
     assert has_plausible_parameters(replace(fit, chi2=113.2))
     assert not has_plausible_parameters(replace(fit, chi2=113.3))
+    # entries that no recording informs stay at their means: they do not hide the others
+    assert not has_plausible_parameters(replace(fit, chi2=113.3, information=np.repeat([1.0, 0.0], [4, 40])))
+
+
+def test_one_posterior_mode_in_a_hundred_is_refuted_whatever_the_data_tell():
+    """Linear models of Gaussian noise and priors: the mode deviates by the variance that the data remove."""
+    rng, refuted = np.random.default_rng(7), 0
+    for _ in range(3000):
+        columns = rng.standard_normal((6, 12)) * np.geomspace(30.0, 0.1, 12)
+        truth = rng.standard_normal(12)
+        normal = columns.T @ columns + np.eye(12)
+        mode = np.linalg.solve(normal, columns.T @ (columns @ truth + rng.standard_normal(6)))
+        fit = replace(fit_of(), cost=0.0, chi2=float(mode @ mode), information=information_on(normal, 12))
+        refuted += not has_plausible_parameters(fit)
+    assert 12 <= refuted <= 50  # 30 expected; 12 and 50 lie beyond three standard deviations
 
 
 def test_the_unexplained_share_bounds_the_probability():

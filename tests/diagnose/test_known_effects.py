@@ -11,7 +11,6 @@ from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSqua
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.search.model_class import choose_model_class
-from vlab.errors import BadCase
 from vlab.physics.catalogue import EFFECTS
 
 CART = """<mujoco><option timestep="0.001" integrator="RK4" gravity="0 0 0"/><worldbody>
@@ -122,12 +121,26 @@ def test_a_stated_effect_reaches_a_channel_of_any_name(tmp_path):
     ]
 
 
-def test_a_port_law_without_element_of_mujoco_is_refused_along_a_motion(tmp_path):
-    effect = (
-        '[[model.effect]]\nname = "jenkins-slip"\nplace = "joint:slide"\nparameters = { force = 0.1, slip = 0.01 }\n'
-    )
-    with pytest.raises(BadCase, match="jenkins-slip has no element of MuJoCo's"):
-        choose_model_class(case_of(tmp_path, stated=effect, swings=True))
+SMOOTH = f"""
+[[model.effect]]
+name = "smooth-friction"
+place = "joint:slide"
+parameters = {{ force = {0.5 * FRICTION}, rise = 0.001 }}
+"""
+
+
+def test_a_stated_port_law_is_a_term_along_a_motion(tmp_path):
+    screen = choose_model_class(case_of(tmp_path, stated=STATED + SMOOTH, swings=True)).screen
+    *_, law = screen.problem.known
+    assert (law.label, dict(law.values)) == ("smooth-friction@joint:slide", {"force": 0.5 * FRICTION, "rise": 0.001})
+    assert not any("tangent at rest" in note for note in screen.problem.notes)
+
+
+@pytest.mark.slow
+def test_nothing_is_missing_beside_a_stated_friction_without_element_of_mujoco(tmp_path):
+    """The answer of a diagnosis may be stated as it is, and diagnosed further."""
+    case = case_of(tmp_path, stated=STATED + SMOOTH, friction=0.5 * FRICTION, swings=True)
+    assert diagnose(case).diagnosis.verdict == "nothing-missing"
 
 
 @pytest.mark.slow

@@ -163,6 +163,17 @@ def test_recordings_of_other_inputs_are_no_repeats():
     assert not any(run.repeats for run in still)
 
 
+@pytest.mark.parametrize(
+    ("level", "noise", "same"), [(0.92, 0.0, False), (0.92, 0.02, False), (1.0, 0.02, True), (1.005, 0.02, True)]
+)
+def test_another_level_of_the_same_input_is_no_repeat(level, noise, same):
+    rng = np.random.default_rng(3)
+    u = force(15)
+    inputs = [factor * u + noise * np.std(u) * rng.standard_normal(u.size) for factor in (1.0, level)]
+    runs = with_repeats([run_of(TIME, {"x": motion(w)}, {"u": w}) for w in inputs])
+    assert [bool(run.repeats) for run in runs] == [same, same]
+
+
 def test_a_structure_that_changes_between_repeats_makes_no_noise():
     """A stiffness that drifts by 1 % moves the response by a hundred times the noise, in proportion to the input."""
     rng = np.random.default_rng(17)

@@ -1,5 +1,7 @@
 """The compiled march along a motion against the laws as they are written."""
 
+import copy
+
 import numpy as np
 import pytest
 from rig_swinging import driven_arm
@@ -10,6 +12,7 @@ from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSqua
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.locations import admissible
 from vlab.diagnose.parameters.terms import Term
+from vlab.diagnose.predictors.trajectory_integration import trace_laws
 from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory
 from vlab.physics.catalogue import EFFECTS
 from vlab.physics.effect import LinearPortEffect
@@ -37,10 +40,21 @@ def refiner(tmp_path_factory):
     return TrajectoryLeastSquares(TrajectoryScoreTest(problem, moving))
 
 
+@pytest.fixture(scope="module")
+def uneven(refiner):
+    """The same windows with steps of random length, as from time stamps of a log."""
+    other = copy.copy(refiner)
+    other.h = refiner.h * np.random.default_rng(2).uniform(0.6, 1.4, refiner.h.shape)
+    other.even, other._paths = None, {}
+    return other
+
+
+@pytest.mark.parametrize("steps", ["refiner", "uneven"])
 @pytest.mark.parametrize(
     "names", [*((name,) for name in LAWS), ("coulomb-friction", "stop"), ("bouc-wen", "added-mass")]
 )
-def test_compiled_laws_move_a_model_as_they_do_as_written(refiner, names, monkeypatch):
+def test_compiled_laws_move_a_model_as_they_do_as_written(request, steps, names, monkeypatch):
+    refiner = request.getfixturevalue(steps)
     terms = []
     for name in names:
         effect, places = EFFECTS[name], refiner.problem.places
@@ -50,7 +64,10 @@ def test_compiled_laws_move_a_model_as_they_do_as_written(refiner, names, monkey
     values = [{k: v * np.array([1.0, 0.5]) for k, v in t.values.items()} for t in terms]
     theta = np.repeat(refiner.moving.theta[None], 2, axis=0)
     starts = np.repeat(np.array([run.start for run in refiner.runs])[None], 2, axis=0)
+    found = []
+    monkeypatch.setattr(refine, "trace_laws", lambda laws: found.append(trace_laws(laws)) or found[-1])
     fast = refiner.simulate(refiner.runs, terms, theta, values, starts)
+    assert found[0] is not None
     monkeypatch.setattr(refine, "trace_laws", lambda laws: None)
     slow = refiner.simulate(refiner.runs, terms, theta, values, starts)
     bare = refiner.simulate(refiner.runs, (), theta, [], starts)

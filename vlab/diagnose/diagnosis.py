@@ -141,10 +141,12 @@ class Attempt:
 
     @property
     def holds(self) -> bool:
-        """Whether the attempt is finite and improves on the model without it."""
+        """Whether the attempt is finite, determined, and improves on the model without it."""
         tests = verifying(self.checked)
         before, after = total(tests, "before"), total(tests, "after")
-        return bool(after < GAP.lost and (after < before or all(c.is_idle for c in tests)))
+        labels = {term.label for term in self.fit.terms}
+        is_inert = bool(labels) and labels <= set(self.fit.unidentified)  # as a limit that nothing reaches
+        return bool(after < GAP.lost and not is_inert and (after < before or all(c.is_idle for c in tests)))
 
     @property
     def is_of_the_fit_alone(self) -> bool:

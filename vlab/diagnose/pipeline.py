@@ -25,7 +25,7 @@ from vlab.diagnose.diagnosis import NAMING, Attempt, Diagnosis, Finding, Rejecte
 from vlab.diagnose.findings import alternatives, by_what_they_explain, findings_of_terms, graded, one_per_law
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed, diagnose_frequency, is_in_frequency
 from vlab.diagnose.inference.model_choice import Choice
-from vlab.diagnose.inference.sensor_offset import explained_sensor_offsets, find_sensor_offsets
+from vlab.diagnose.inference.sensor_offset import find_sensor_offsets
 from vlab.diagnose.parameters.holdout import HoldOut, moves, read_holdout
 from vlab.diagnose.parameters.locations import check_candidates, limited
 from vlab.diagnose.parameters.mesh_correction import with_modes_of_fe
@@ -33,10 +33,12 @@ from vlab.diagnose.parameters.shared_numbers import with_whole_gains
 from vlab.diagnose.parameters.static_offset import StaticOffset, remove_static_offsets
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.search.ablation import wrong_offsets
 from vlab.diagnose.search.alternative_conventions import choose_convention
 from vlab.diagnose.search.attempt import Trials, best_attempt, without_useless
 from vlab.diagnose.search.confirmation import Confirmation, Confirmed
 from vlab.diagnose.search.deadline import Deadline
+from vlab.diagnose.search.left_out_recordings import with_left_out
 from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised, choose_model_class
 from vlab.diagnose.search.sampling_convention import said
 from vlab.diagnose.search.selection import TimeFound
@@ -276,7 +278,8 @@ class _Pass:
             self.report(0.95, "fitting a tabulated force")
             last, ours, again = self._other(searched, _sought(LAST_RESORT, self.at), UNKNOWN_LAW)
             tried = None if again is None else again.tried
-            if again and tried and explains_most(tried.checked) and has_plausible_parameters(tried.fit):
+            known = total(attempt.checked, "after") if attempt is not None else np.inf
+            if again and tried and _is_better_table(tried, known):
                 return last._diagnosed(ours, replace(again, verdict="unknown-law"))
         return None
 
@@ -326,9 +329,8 @@ class _Pass:
         fit_before, fit = confirmed.before, with_whole_gains(confirmed.after, problem.parameters, problem.plant)
         known = [offset.channel for offset in searched.static_offsets]
         seen = replace(searched.seen, zeros=find_sensor_offsets(problem, fit, known))
-        wrong_offsets = {*(zero.channel for zero in seen.zeros), *explained_sensor_offsets(problem, fit)}
-        before, after = extended(problem, fit_before, wrong_offsets), seen.on(extended(problem, fit))
-        without = seen.on(extended(problem, fit_before))
+        before = extended(problem, fit_before, wrong_offsets(problem, fit, seen))
+        after, without = (seen.on(extended(problem, own)) for own in (fit, fit_before))
         if seen.is_missing and fit.terms:
             on_fitted = check(problem.runs, without, after, horizon_s=problem.horizon_s)
             is_explained = closes_gap(on_fitted, is_structure=is_structure)
@@ -355,6 +357,9 @@ class _Pass:
 
         tried = trials.of(fit, terms_of(fit))
         verdict = verdict_on(trials, tried)
+        if verdict == "none-of-these" and tried.is_of_the_fit_alone:
+            tried = with_left_out(tried, trials, searched.found.whole, judged.confirmed.before, terms_of)
+            verdict = verdict_on(trials, tried)
         if verdict in NAMING:
             tried = without_useless(
                 tried,
@@ -486,6 +491,12 @@ def _separating_experiment(searched: _Searched, judged: _Judged) -> str:
         return ""
     one, two = (extended(searched.problem, h.long_fit) for h in (leading[0], other))
     return in_words(experiments(one, two, searched.runs, tried.checked), leading[0].label, other.label)
+
+
+def _is_better_table(tried: Attempt, known: float) -> bool:
+    """Return whether a tabulated force explains most, and predicts better than known effects with their error."""
+    explains = explains_most(tried.checked) and has_plausible_parameters(tried.fit)
+    return explains and total(tried.checked, "after") < known
 
 
 def _sought(effects: Sequence[Effect], at: Collection[str]) -> list[Effect]:

@@ -13,6 +13,7 @@ from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.parameters.known_effects import known_terms, unsearched
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, common_scale, redundant
+from vlab.diagnose.parameters.recorded_runs import short_notes
 from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.parameters.structure import adjusted_structure
 from vlab.diagnose.parameters.structure_sensitivity import (
@@ -66,6 +67,8 @@ class Problem:
         Note on an estimated sampling convention.
     horizon_s : float
         Length of the parts in which unstable motion is predicted [s]; infinite for stable motion.
+    port_laws : tuple of Term
+        Effects at ports of the case's own model, along a motion.
     """
 
     case: Case
@@ -85,6 +88,7 @@ class Problem:
     bare: "Problem | None" = None
     timing: str = ""
     horizon_s: float = np.inf
+    port_laws: tuple[Term, ...] = ()
 
     @property
     def model_error(self) -> float:
@@ -111,8 +115,9 @@ class Problem:
                 "small errors grow exponentially along the motion (unstable or chaotic), so every recording is predicted in "
                 f"parts of about {self.horizon_s:.2g} s, each from a state of its own"
             )
+        out += short_notes(self.case, self.runs)
         out += unused(self.case.table.model.uncertain, self.parameters)
-        if beside := unsearched(self.plant):
+        if not self.port_laws and (beside := unsearched(self.plant)):
             out.append(
                 f"[[model.effect]] {', '.join(beside)}: nonlinear and no element of MuJoCo's; the search has the tangent at rest "
                 "alone, the verdict is on the whole law"
@@ -121,8 +126,8 @@ class Problem:
 
     @cached_property
     def known(self) -> tuple[Term, ...]:
-        """Effects of the case's model on commands and readings, present in every hypothesis."""
-        return known_terms(self.plant, self.channels)
+        """Effects of the case's model that are present in every hypothesis."""
+        return (*known_terms(self.plant, self.channels), *self.port_laws)
 
     def beside_known(
         self, terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int

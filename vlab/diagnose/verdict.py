@@ -334,7 +334,7 @@ def has_plausible_parameters(fit: Fit) -> bool:
     """Return whether a fit's uncertain parameters agree with what the case states.
 
     The squared deviations over their prior variances are chi-squared if the statement is right. Directions that the
-    recordings do not identify stay at their means, so the test is conservative.
+    recordings do not identify stay at their means and do not count.
 
     Parameters
     ----------
@@ -369,7 +369,21 @@ def is_plausible_beside_noise(fit: Fit) -> bool:
 
 
 def _accepts(fit: Fit, departure: float) -> bool:
-    return bool(departure <= stats.chi2.ppf(1.0 - VERDICT.false_alarm_rate, max(fit.theta.size, 1)))
+    """Return whether squared deviations are those of a posterior mode under the stated prior.
+
+    The mode deviates by the variance that the data remove from the prior. The sum of squares is then a sum of chi-squared
+    variables with these weights, and has nearly a scaled chi-squared distribution of the same mean and variance [1]_.
+
+    References
+    ----------
+    .. [1] F. E. Satterthwaite, An approximate distribution of estimates of variance components, Biometrics Bull. 2 (1946)
+       110-114.
+    """
+    mean, square = float(np.sum(fit.information)), float(np.sum(fit.information**2))
+    if not square > 0.0:
+        return True
+    quantile = stats.chi2.ppf(1.0 - VERDICT.false_alarm_rate, mean**2 / square)
+    return bool(departure <= square / mean * quantile)
 
 
 def _is_like_mesh_error(choice: Choice) -> bool:

@@ -17,8 +17,9 @@ _ARCTAN, _POWER, _HYPOT, _FLOOR = (CODE[f] for f in (np.arctan, np.power, np.hyp
 _LESS, _LESS_EQUAL, _GREATER, _GREATER_EQUAL = (CODE[f] for f in (np.less, np.less_equal, np.greater, np.greater_equal))
 _EQUAL, _NOT_EQUAL, _AND, _OR = (CODE[f] for f in (np.equal, np.not_equal, np.logical_and, np.logical_or))
 _NOT, _WHERE = CODE[np.logical_not], CODE[np.where]
-AT_Z, AT_V, AT_T, AT_FREE, AT_FIRST, AT_COMMAND, AT_MOBILITY = range(len(SIGNALS))
-"""Registers of a law's signals: displacement, velocity, time, free and first velocity, command, mobility."""
+AT_Z, AT_V, AT_T, AT_FREE, AT_FIRST, AT_COMMAND, AT_MOBILITY, AT_H = range(len(SIGNALS))
+"""Registers of a law's signals: displacement, velocity, time, free and first velocity, command, mobility, length
+of the step."""
 
 
 @compiled(error_model="numpy")

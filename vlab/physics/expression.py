@@ -29,7 +29,7 @@ CODE: dict[Any, int] = {operation: code for code, operation in enumerate(OPERATI
     np.invert: OPERATIONS.index(np.logical_not),
 }
 """Code of every permitted numpy function; squares become products."""
-SIGNALS = ("z", "v", "t", "free_velocity", "first_velocity", "command", "mobility")
+SIGNALS = ("z", "v", "t", "free_velocity", "first_velocity", "command", "mobility", "h")
 """Signals of a step in the first registers; parameters and memory follow."""
 
 
@@ -151,19 +151,19 @@ class _Symbol(NDArrayOperatorsMixin):
 @lru_cache(maxsize=512)
 def trace_expression(
     effect: PortEffect,
-    h: float,
+    h: float | None,
     seen: tuple[str, ...] = SIGNALS,
     numbers: tuple[str, ...] = (),
     damped: float | None = None,
 ) -> ExpressionGraph | None:
-    """Return a law's expression graph for one step length.
+    """Return a law's expression graph.
 
     Parameters
     ----------
     effect : PortEffect
         Port law.
-    h : float
-        Step length [s].
+    h : float or None
+        Common length of all steps [s]; None for the length of each step as a signal.
     seen : tuple of str
         Known signals of a step, of `SIGNALS`; every other signal has the default of `Step`.
     numbers : tuple of str
@@ -183,8 +183,8 @@ def trace_expression(
     signals = dict(zip(SIGNALS, symbols, strict=False))
     own = symbols[len(SIGNALS) : len(SIGNALS) + len(names)]
     memory = symbols[len(SIGNALS) + len(names) :]
-    known: dict[str, Any] = {name: signals[name] for name in seen if name not in ("z", "v")}
-    step = Step(h=h, damped=damped, **known)
+    known: dict[str, Any] = {name: signals[name] for name in seen if name not in ("z", "v", "h")}
+    step = Step(h=signals["h"] if h is None else h, damped=damped, **known)
     force: Callable[..., tuple[Any, Any]] = effect.force
     try:
         result, after = force(

@@ -144,7 +144,8 @@ def repeats(one: Run, other: Run) -> bool:
     if names != [d.channel for d in other.drives] or abs(a.sample_period / b.sample_period - 1.0) > 1e-6:
         return False
     n = min(len(a), len(b))
-    return _are_equal(*(np.column_stack([part[name][:n] for name in names]) for part in (a, b)))
+    u, w = (np.column_stack([part[name][:n] for name in names]) for part in (a, b))
+    return _are_equal(u, w) and not _differ_in_level(u, w)
 
 
 def _are_equal(u: Array, w: Array) -> bool:
@@ -152,6 +153,16 @@ def _are_equal(u: Array, w: Array) -> bool:
     size = np.std(u, axis=0)
     moving = np.maximum(size, np.std(w, axis=0)) > 0
     return bool(np.any(moving) and np.all(np.std(u - w, axis=0)[moving] <= NOISE.repeated * size[moving]))
+
+
+def _differ_in_level(u: Array, w: Array) -> bool:
+    """Return whether inputs (n, k) differ by a factor more than otherwise.
+
+    Repeats differ by the noise of measured inputs. A change of level is intended, and a nonlinear response changes with it.
+    """
+    u, w = u - u.mean(axis=0), w - w.mean(axis=0)
+    factor = float(np.sum(u * w) / np.sum(u * u))
+    return bool(np.linalg.norm((factor - 1.0) * u) > np.linalg.norm(w - factor * u))
 
 
 def _blocks(run: Run) -> tuple[tuple[Recording, Recording] | None, int]:

@@ -63,7 +63,27 @@ def fit_at(
         cost=float(data @ data),
         sd=_deviations(vector, optimum.x, optimum.normal),
         departure=_departure(optimum),
+        information=information_on(optimum.normal, vector.priors),
     )
+
+
+def information_on(normal: Array, count: int) -> Array:
+    """Return the shares of the prior variance that data remove.
+
+    Parameters
+    ----------
+    normal : (n, n) array
+        Normal matrix with the unit prior of the first entries.
+    count : int
+        Number of entries with a prior.
+
+    Returns
+    -------
+    (count,) array
+        Shares along principal directions, 0 to 1.
+    """
+    posterior = np.linalg.pinv(normal, hermitian=True)[:count, :count]
+    return np.asarray(1.0 - np.clip(np.linalg.eigvalsh(posterior), 0.0, 1.0))
 
 
 def _departure(optimum: Optimum) -> float:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vlab.diagnose.data.responses import Measured, Response
+from vlab.diagnose.inference.fit_at_optimum import information_on
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.predictors.frequency import Shared
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
@@ -219,6 +220,7 @@ class Fitter:
             chi2=whole + float(np.sum((point.theta / self.sd) ** 2)),
             cost=cost,
             sd=dict(zip(labels, spread.tolist(), strict=True)),
+            information=information_on(normal, n),
         )
 
     @property

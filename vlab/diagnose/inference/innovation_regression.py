@@ -124,7 +124,7 @@ class Regression:
             gram=gram,
             solution=solution,
             base=base,
-            variance=float(np.mean(base**2)),
+            variance=max(float(np.mean(base**2)), np.finfo(float).tiny),  # no innovation at all
         )
 
     def beside(self, columns: Sequence[Array]) -> "Regression":

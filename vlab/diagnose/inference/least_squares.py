@@ -19,7 +19,7 @@ from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.descent import clip_diverged, descend
 from vlab.diagnose.inference.evidence import effective_sample_size
 from vlab.diagnose.inference.fit_at_optimum import fit_at
-from vlab.diagnose.inference.identifiable_subspace import identifiable_subspace
+from vlab.diagnose.inference.identifiable_subspace import identifiable_subspace, information
 from vlab.diagnose.inference.parameter_vector import ParameterVector, limits_of
 from vlab.diagnose.inference.ridge_regression import ridge_inverse
 from vlab.diagnose.inference.score_test import ScoreTest
@@ -70,7 +70,7 @@ class LeastSquares:
         self.active = self._active()
         self.free_starts: dict[int, tuple[Array, Array, Array]] = {}
         self.directions = self._identifiable()
-        self.free_starts = self._initial_condition_nuisance()
+        self.free_starts = self.initial_condition_nuisance()
 
     def _weigh(self, model_error: float | None = None) -> None:
         """Set the samples' weights and effective sample sizes."""
@@ -103,33 +103,13 @@ class LeastSquares:
         return [run.usable / sigma for run, sigma in zip(self.runs, self.sigma, strict=True)]
 
     def _identifiable(self) -> Array:
-        """Return the identifiable directions of unit prior variance.
-
-        Every parameter is moved by a part of its standard deviation in a simulation. Directions that move the channels
-        little, relative to noise and model error, stay at the prior mean.
-        """
-        sd, n = self.reduced_model.prior, len(self.reduced_model.prior)
-        theta = np.vstack([self.screen.theta, self.screen.theta + FIT.probe * np.diag(sd)])
-        starts = np.zeros((n + 1, len(self.runs), 2 * self.reduced_model.m))
-        for i, run in enumerate(self.runs):
-            if not run.at_rest:
-                starts[:, i] = self.first_state(run)
-        gram, samples = np.zeros((n, n)), 0
-        for h in sorted({run.h for run in self.runs}):
-            index = [i for i, run in enumerate(self.runs) if run.h == h]
-            y = self.simulate([self.runs[i] for i in index], (), theta, (), starts[:, index])
-            for j, i in enumerate(index):
-                run = self.runs[i]
-                part = y[: len(run), :, j] / self.sigma[i]
-                columns = ((part[:, 1:] - part[:, :1]) / FIT.probe).transpose(0, 2, 1).reshape(-1, n)
-                gram += columns.T @ columns
-                samples += run.y.size
-        scale = self.problem.common_scale
+        """Return the identifiable directions of unit prior variance."""
+        sd, scale = self.reduced_model.prior, self.problem.common_scale
         unknown = np.vstack([self.problem.redundant, *([] if scale is None else [np.asarray(scale / sd)])])
-        informed, self.unidentifiable = identifiable_subspace(gram, samples, sd, unknown)
+        informed, self.unidentifiable = identifiable_subspace(*information(self), sd, unknown)
         return informed
 
-    def _initial_condition_nuisance(self) -> dict[int, tuple[Array, Array, Array]]:
+    def initial_condition_nuisance(self) -> dict[int, tuple[Array, Array, Array]]:
         """Return every window's free responses, their solver, and the start's spread.
 
         Window starts are smoothed without the missing physics. Every residual is projected off the free responses
@@ -195,6 +175,11 @@ class LeastSquares:
         Subclasses return other windows where a sensor effect contradicts the smoothed starts.
         """
         return self
+
+    @property
+    def recordings(self) -> list[str]:
+        """Names of the recordings of the runs."""
+        return [run.name for run in self.runs]
 
     # ---- simulation -------------------------------------------------------------------------------------------------
 

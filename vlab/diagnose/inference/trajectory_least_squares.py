@@ -103,7 +103,7 @@ class TrajectoryLeastSquares(LeastSquares):
         self.first_starts = [run.start for run in runs]
         self.free_starts = {}
         self.directions = self._identifiable()
-        self.free_starts = self._initial_condition_nuisance()
+        self.free_starts = self.initial_condition_nuisance()
 
     @property
     def correlated_error(self) -> float:
@@ -115,6 +115,11 @@ class TrajectoryLeastSquares(LeastSquares):
         if not any(t.effect.kind == "sensor" for t in terms):
             return self
         return TrajectoryLeastSquares(self.moving, without=terms)
+
+    @property
+    def recordings(self) -> list[str]:
+        """See `LeastSquares`: of every window."""
+        return [self.moving.runs[part.run].name for part in self.parts]
 
     def _gather(self) -> None:
         """Divide the system into windows, (n, n_windows, ...)."""
@@ -149,7 +154,7 @@ class TrajectoryLeastSquares(LeastSquares):
             out.append((1.0 if at_rest else TRAJECTORY_FIT.loose) * vectors * np.sqrt(np.maximum(size, 0.0)))
         return out
 
-    def _initial_condition_nuisance(self) -> dict[int, tuple[Array, Array, Array]]:
+    def initial_condition_nuisance(self) -> dict[int, tuple[Array, Array, Array]]:
         """See `LeastSquares`; the spread is that of the filter's predictions."""
         return self._free_starts((), self.moving.theta, [])[1]
 

@@ -1,18 +1,22 @@
 """Effects of a case's own model, as terms of every hypothesis.
 
-The reduced model holds the elements of MuJoCo and linear port effects. Effects on commands and readings (a slew limit, the
-gain of a sensor) act beside MuJoCo. The search takes such effects as present with the values that the case states.
+The reduced model near rest holds the elements of MuJoCo and linear port effects. Effects on commands and readings (a slew
+limit, the gain of a sensor) act beside MuJoCo, and along a motion so do effects at ports. The search takes such effects as
+present with the values that the case states.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
 
+from vlab.cases.case import Case
 from vlab.cases.channel_map import Compared
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Term
+from vlab.errors import BadCase
 from vlab.physics.attached import AtActuator, AtPort, AtSensor
 from vlab.physics.effect import LinearPortEffect
 from vlab.physics.running import tap_index
+from vlab.physics.servo import ServoEffect
 from vlab.plants.base import Plant
 
 
@@ -37,6 +41,40 @@ def known_terms(plant: Plant, channels: Sequence[Compared]) -> tuple[Term, ...]:
             out.append(at_actuator(plant, one))
         elif isinstance(one, AtSensor):
             out += at_sensor(plant, one, channels)
+    return tuple(out)
+
+
+def port_terms(case: Case, places: Sequence[Place]) -> tuple[Term, ...]:
+    """Return the effects at ports of a case's model as terms.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+    places : sequence of Place
+        Locations of effects.
+
+    Returns
+    -------
+    tuple of Term
+        Terms.
+
+    Raises
+    ------
+    BadCase
+        A port that the search does not know.
+    """
+    of_name, out = {place.name: place for place in places}, []
+    for one in case.plant.physics:
+        if isinstance(one, AtPort):
+            is_servo = isinstance(one.effect, ServoEffect) and one.coil is not None
+            name = f"actuator:{case.plant.actuators[one.coil or 0].name}" if is_servo else one.port.name
+            if name not in of_name:
+                raise BadCase(
+                    f"{case.path}: [[model.effect]] {one.effect.name} acts at {name}, where a search along the motion knows no "
+                    f"effects (known: {', '.join(of_name)}); put it into the model file or leave it out"
+                )
+            out.append(Term(effect=one.effect, place=of_name[name], values=dict(one.values)))
     return tuple(out)
 
 

@@ -81,16 +81,18 @@ def read_runs(case: Case, roles: Sequence[str]) -> RecordedRuns:
     Raises
     ------
     BadCase
-        No recording, too short a recording, or different channels.
+        No recording, too short recordings only, or different channels.
     """
-    runs = with_repeats(case.runs(roles))
-    if not runs:
+    every = case.runs(roles)
+    runs = with_repeats([run for run in every if len(run.measured) >= RECORDED_RUNS.least_samples])
+    if not every:
         only = ", or one of the [[frf]] and [[modal]] as fit" if case.table.frf or case.table.modal else ""
         raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}; mark at least one{only}")
-    short = next((run for run in runs if len(run.measured) < RECORDED_RUNS.least_samples), None)
-    if short is not None:
+    if not runs:
+        longest = max(every, key=lambda run: len(run.measured))
         raise BadCase(
-            f"{case.path}: {short.name} has {len(short.measured)} samples; at least {RECORDED_RUNS.least_samples} tell motion from noise"
+            f"{case.path}: {longest.name} has {len(longest.measured)} samples; at least {RECORDED_RUNS.least_samples} tell motion "
+            "from noise: give a longer recording, or the rest before the motion as well"
         )
     channels = tuple(c for c in runs[0].compared if c.actuator is None)
     for run in runs[1:]:
@@ -105,6 +107,29 @@ def read_runs(case: Case, roles: Sequence[str]) -> RecordedRuns:
         load_ports=tuple(dict.fromkeys(d.port for run in runs for d in run.drives if d.port)),
         driven=tuple(sorted({d.actuator for run in runs for d in run.drives if d.actuator is not None} | by_law)),
     )
+
+
+def short_notes(case: Case, runs: Sequence[Run]) -> list[str]:
+    """Return a note on every fit recording that is too short and left out.
+
+    Parameters
+    ----------
+    case : Case
+        Case.
+    runs : sequence of Run
+        Fitted recordings.
+
+    Returns
+    -------
+    list of str
+        Notes.
+    """
+    names = {run.name for run in runs}
+    return [
+        f"{run.name}: {len(run.measured)} samples do not tell motion from noise, so it is left out; at least {RECORDED_RUNS.least_samples} do"
+        for run in case.runs(("fit",))
+        if run.name not in names
+    ]
 
 
 def recorded_commands(plant: Plant, run: Run) -> Array | None:

@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.settings import TERMS
 from vlab.physics.effect import Effect, Parameter
@@ -81,6 +83,8 @@ class Fit:
         Standard deviation of every effect parameter (of the log where unsigned), by ``"label:name"``.
     departure : float
         Squared deviations of the uncertain parameters over prior variance and sampling variance together.
+    information : (k,) array
+        Shares of the prior variance that the recordings remove, along principal directions of the entries with a prior.
     """
 
     terms: tuple[Term, ...]
@@ -92,6 +96,7 @@ class Fit:
     cost: float
     sd: dict[str, float] = field(default_factory=dict)
     departure: float = 0.0
+    information: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def prior_cost(self) -> float:

@@ -17,7 +17,6 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import SCOPE
 from vlab.errors import BadCase, BadStructure
 from vlab.fe.second_order import SecondOrderModel
-from vlab.physics.attached import AtPort
 from vlab.plants.base import Plant
 from vlab.plants.linearise import check_free
 from vlab.signals import Array
@@ -163,7 +162,7 @@ def check_scope(case: Case) -> None:
     Raises
     ------
     BadCase
-        Free flight, muscles, effects without a MuJoCo element, or too many coordinates.
+        Free flight, muscles, or too many coordinates.
     """
     model, label = case.plant.model, f"{case.path}: the recorded motion is far from linear, and"
     check_free(model)
@@ -183,12 +182,6 @@ def check_scope(case: Case) -> None:
             raise BadCase(
                 f"{label} {name!r} is a muscle, whose force depends on its past; give its force as an input instead"
             )
-    beside = sorted({one.effect.name for one in case.plant.physics if isinstance(one, AtPort)})
-    if beside:
-        names = ", ".join(beside)
-        raise BadCase(
-            f"{label} [[model.effect]] {names} has no element of MuJoCo's; put it into the model file or leave it out"
-        )
     if model.nv > SCOPE.most_coordinates:
         raise BadCase(
             f"{label} the model has {model.nv} degrees of freedom; at most {SCOPE.most_coordinates} are searched along the motion"

@@ -10,6 +10,7 @@ from vlab.diagnose.settings import TRAJECTORY_INTEGRATION
 from vlab.physics.compiled_expression import (
     AT_COMMAND,
     AT_FREE,
+    AT_H,
     AT_MOBILITY,
     AT_T,
     AT_V,
@@ -41,7 +42,7 @@ def trace_laws(laws: Sequence[Law]) -> list[ExpressionGraph | None] | None:
     Returns
     -------
     list or None
-        Graphs; None where a law has no graph or steps are uneven.
+        Graphs; None where a law has no graph.
     """
     out: list[ExpressionGraph | None] = []
     for law in laws:
@@ -49,7 +50,7 @@ def trace_laws(laws: Sequence[Law]) -> list[ExpressionGraph | None] | None:
             out.append(None)
             continue
         assert isinstance(law.effect, PortEffect)
-        graph = None if law.path.even is None else trace_expression(law.effect, law.path.even, _SEEN, law.numbers)
+        graph = trace_expression(law.effect, law.path.even, _SEEN, law.numbers)
         if graph is None:
             return None
         out.append(graph)
@@ -204,7 +205,7 @@ def _integrate(
                             own[AT_V, e] = 0.5 * (v0[0] + v1[0])
                             own[AT_T, e] = times[law, k, w] + (j + 0.5) * h
                             own[AT_FREE, e], own[AT_COMMAND, e] = v1[0], commands[law, k, w]
-                            own[AT_MOBILITY, e] = gain[law, k, w, 0, 0]
+                            own[AT_MOBILITY, e], own[AT_H, e] = gain[law, k, w, 0, 0], h
                             continue
                         mass, damping, stiffness = impedance[law, 0, s], impedance[law, 1, s], impedance[law, 2, s]
                         bend = h / 12.0 if count == 1 else 0.0

@@ -1,7 +1,7 @@
 """Inverse problem of the trajectory-linearised model class."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from vlab.cases.replay_bench import Bench
 from vlab.diagnose.data.mains_interference import MainsInterference, find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.runs import Signals, thinning
 from vlab.diagnose.parameters.geometry import geometry_parameters
+from vlab.diagnose.parameters.known_effects import port_terms
 from vlab.diagnose.parameters.locations import places_of
 from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, uncertain_parameters
 from vlab.diagnose.parameters.observation import ChannelRows
@@ -139,6 +140,7 @@ def prepare_trajectory(case: Case) -> tuple[Problem, Trajectories]:
         interferences=interferences,
         highest_hz=recorded.highest_hz,
     )
+    problem = replace(problem, port_laws=port_terms(case, problem.places))
     return problem, Trajectories(
         trajectories=tuple(trajectories),
         motions=tuple(motions),

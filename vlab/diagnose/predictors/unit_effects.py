@@ -197,6 +197,11 @@ def forces_on_trajectory(
     memory = effect.memory(z.shape[1:])
     if memory is None:
         return np.asarray(effect.force(z, v, values, Step(h=1.0, t=t, command=command), None)[0]) + 0.0 * z
+    graph = trace_expression(effect, None, ("t", "h")) if isinstance(effect, PortEffect) else None
+    if graph is not None:
+        own, none = [values[p.name] for p in effect.parameters], np.zeros(z.shape)
+        others = (none, none, none, none, h)  # order of `SIGNALS`
+        return driven_series(graph, z, v, t, own, memory, others)[0]
     out = np.zeros(z.shape)
     for k in range(len(z)):
         step = Step(h=h[k], t=t[k])

@@ -32,9 +32,28 @@ def ablate(problem: Problem, fit: Fit, seen: DataFindings, findings: Sequence[Fi
     """
     models = list(_without_each(problem, fit, seen))
     if len(models) > 1:
-        zeros = {*(offset.channel for offset in seen.zeros), *explained_sensor_offsets(problem, fit)}
-        models.append(extended(problem, replace(fit, terms=()), zeros))
+        models.append(extended(problem, replace(fit, terms=()), wrong_offsets(problem, fit, seen)))
     return Ablations(names=tuple(f"{f.name} at {f.place}" for f in findings), models=tuple(models))
+
+
+def wrong_offsets(problem: Problem, fit: Fit, seen: DataFindings) -> set[str]:
+    """Return the channels whose offset is a finding.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+    fit : Fit
+        Fit of the extended model.
+    seen : DataFindings
+        Findings from the data alone.
+
+    Returns
+    -------
+    set of str
+        Channels; a model without findings has no offset there.
+    """
+    return {*(offset.channel for offset in seen.zeros), *explained_sensor_offsets(problem, fit)}
 
 
 def _without_each(problem: Problem, fit: Fit, seen: DataFindings) -> Iterator[ExtendedModel]:

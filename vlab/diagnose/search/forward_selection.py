@@ -2,14 +2,15 @@
 
 A machine has friction in every joint, and Coulomb friction, drag and viscous damping in one. Effects are added one by one,
 each from a profile screening beside the effects that are there, and all are fitted together. The selection ends when the
-approximate log evidence no longer grows.
+approximate log evidence no longer grows. Then every law is exchanged for its relatives at the same locations (sequential
+replacement): a delay found first as a lag would stay one, since the other effects were fitted beside the lag.
 
 One effect alone explains little where every joint rubs, and the uncertain parameters absorb the rest. A law in all joints
 at once is therefore a start of its own.
 
 References
 ----------
-A. Miller, Subset Selection in Regression, 2nd ed., Chapman and Hall, 2002, section 3.2.
+A. Miller, Subset Selection in Regression, 2nd ed., Chapman and Hall, 2002, chapter 3.
 """
 
 from collections.abc import Callable, Sequence
@@ -75,7 +76,26 @@ class ForwardSelection:
         one_law = sorted((h for h in out if h.is_one_law), key=lambda h: -(h.score + h.negative_log_prior))[:1]
         for start in [best] if best.is_one_law else [*one_law, self.before]:
             out = self._from(start, out)
+        best = by_score([*out, self.before])[0]
+        exchanged = self._exchanged(best) if self._goes_on([best]) else []
+        out += exchanged
+        if (better := by_score([*exchanged, best])[0]) is not best:
+            out = self._from(better, out)
         return best_of_labels(out)
+
+    def _exchanged(self, best: Hypothesis) -> list[Hypothesis]:
+        """Return fits of several effects with one law exchanged for another of its family."""
+        laws = {term.effect.name: term.effect for term in best.terms}
+        sets: list[list[Term]] = []
+        for law in laws.values() if len(laws) > 1 else ():
+            own = {term.place.name for term in best.terms if term.effect.name == law.name}
+            rest = [term for term in best.terms if term.effect.name != law.name]
+            others: dict[str, dict[str, Candidate]] = {}
+            for c in self.candidates:
+                if c.effect.family == law.family and c.effect.name not in laws and c.place.name in own:
+                    others.setdefault(c.effect.name, {})[c.place.name] = c
+            sets += [[*rest, *terms_of(list(other.values()))] for other in others.values() if len(other) == len(own)]
+        return side_by_side(lambda terms: self.fitted(terms, best.long_fit), sets)
 
     def _from(self, start: Hypothesis, known: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Return hypotheses with those of a selection that begins with a start."""

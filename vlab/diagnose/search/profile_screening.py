@@ -12,6 +12,7 @@ G. A. F. Seber, C. J. Wild, Nonlinear Regression, Wiley, 1989, section 2.2 (conc
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,14 +61,16 @@ class _Base:
 
     @classmethod
     def of(cls, whole: LeastSquares, fit: Fit) -> "_Base":
-        """Return the base of a fit."""
-        vector = whole.vector(fit.terms)
-        x = whole.initial(vector, [t.values for t in fit.terms], fit.theta, fit)
-        raw = whole.residual(vector, x[None])[0]
-        slopes = forward_differences(whole, vector, x, raw)
+        """Return the base of a fit; nonsmooth laws take the coarse steps of first fits."""
+        coarse = copy(whole)
+        coarse.is_rough = True
+        vector = coarse.vector(fit.terms)
+        x = coarse.initial(vector, [t.values for t in fit.terms], fit.theta, fit)
+        raw = coarse.residual(vector, x[None])[0]
+        slopes = forward_differences(coarse, vector, x, raw)
         left, size, _ = np.linalg.svd(slopes, full_matrices=False)
         keep = size > PROFILE_SCREENING.rank * max(float(size.max(initial=0.0)), 1e-300)
-        return cls(whole, fit, left[:, keep], raw)
+        return cls(coarse, fit, left[:, keep], raw)
 
     def residuals(self, candidate: Candidate, values: Sequence[Values]) -> Array:
         """Return the residuals (n_sets, rows) of a candidate's values."""
@@ -157,9 +160,11 @@ def _amplitudes(base: _Base, candidate: Candidate, shapes: Sequence[Values]) -> 
 
 
 def _unit(high: float, value: float) -> float:
-    """Return a first amplitude for a finite difference."""
-    size = abs(value)
-    return size if size > PROFILE_SCREENING.least_share * high else PROFILE_SCREENING.least_share * high
+    """Return a first amplitude for a finite difference.
+
+    A change of the residual as large as the residual itself would then lie in the middle of the accepted range.
+    """
+    return float(np.sqrt(np.prod(PROFILE_SCREENING.moved))) * max(abs(value), PROFILE_SCREENING.least_share * high)
 
 
 @dataclass

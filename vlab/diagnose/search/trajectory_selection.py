@@ -126,7 +126,11 @@ def _pairs(
     effects: Sequence[Effect],
 ) -> list[Hypothesis]:
     """Return fits of second effects with the best single ones."""
-    by_label, seeds = {c.label: c for c in shortlist}, singles[: SECOND_EFFECT.seeds]
+    by_label = {c.label: c for c in shortlist}
+    of_family: dict[str, Hypothesis] = {}  # forms of one law, as of friction, lead to the same pairs
+    for h in singles:
+        of_family.setdefault(h.terms[0].effect.family, h)
+    seeds = list(of_family.values())[: SECOND_EFFECT.seeds]
     found = {frozenset((s.label, c.label)): (s, c) for s in seeds for c in completing(s.terms[0], candidates)}
     for seed in seeds:
         table = screen.given([by_label[seed.label]]).candidates(effects)

@@ -1,0 +1,52 @@
+"""An effect that no hold-out recording excites is verified by cross-validation over the fitted recordings."""
+
+import numpy as np
+import pytest
+from rig_stop import GAP, STOP, stop_case
+
+from vlab.cases.case import load_case
+from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.search.left_out_recordings import leaving_out
+from vlab.physics.catalogue import EFFECTS
+
+SOUGHT = [EFFECTS[n] for n in ("one-sided-stiffness", "added-mass")]
+
+
+@pytest.fixture(scope="module")
+def twice(tmp_path_factory):
+    """Two fitted recordings that meet the stop, and a hold-out recording that does not."""
+    rig = stop_case(tmp_path_factory.mktemp("stop") / "twice", loud=(1.0, 0.9))
+    return rig, diagnose(load_case(rig.folder), effects=SOUGHT)
+
+
+@pytest.mark.slow
+def test_a_stop_in_two_fitted_recordings_is_verified_by_leaving_each_out(twice):
+    rig, found = twice
+    document = found.diagnosis.to_json()
+    assert document["verdict"] == "missing-physics"
+    (stop,) = document["findings"]
+    assert (stop["effect"], stop["place"]) == (rig.effect, rig.place)
+    assert stop["parameters"]["stiffness"]["value"] == pytest.approx(STOP, rel=0.1)
+    assert stop["parameters"]["gap"]["value"] == pytest.approx(GAP, rel=0.05)
+    checked = {run["name"]: run for run in document["heldout"]["per_recording"]}
+    assert list(checked) == ["aside", "loud, left out", "loud 2, left out"]
+    assert [run["can_verify"] for run in checked.values()] == [False, True, True]
+    assert stop["verified_by"] == ["loud, left out", "loud 2, left out"]
+    for name in ("loud, left out", "loud 2, left out"):
+        assert checked[name]["nrmse_after"] < 0.2 * checked[name]["nrmse_before"]
+
+
+@pytest.mark.slow
+def test_a_left_out_recording_has_no_say_in_a_fit(twice):
+    _, found = twice
+    whole, fit = found.found.whole, found.fit
+    rest = leaving_out(whole, "loud")
+    samples = {run.name: run.y.shape for run in whole.runs}
+    vector = rest.vector(fit.terms)
+    x = rest.initial(vector, [t.values for t in fit.terms], fit.theta, fit)
+    residual, of_all = rest.residual(vector, x[None])[0], whole.residual(vector, x[None])[0]
+    first = vector.priors
+    count = int(np.prod(samples["loud"]))
+    assert not residual[first : first + count].any()
+    np.testing.assert_array_equal(residual[first + count :], of_all[first + count :])
+    assert all(run.valid is None for run in whole.runs)  # the fits to all recordings are unchanged
