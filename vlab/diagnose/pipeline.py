@@ -35,7 +35,7 @@ from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.ablation import wrong_offsets
 from vlab.diagnose.search.alternative_conventions import choose_convention
-from vlab.diagnose.search.attempt import Trials, best_attempt, without_useless
+from vlab.diagnose.search.attempt import Trials, best_attempt, is_better_table, without_useless
 from vlab.diagnose.search.confirmation import Confirmation, Confirmed
 from vlab.diagnose.search.deadline import Deadline
 from vlab.diagnose.search.left_out_recordings import with_left_out
@@ -45,7 +45,7 @@ from vlab.diagnose.search.selection import TimeFound
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import explained_share, total
 from vlab.diagnose.validation.mismatch import locate_mismatch
-from vlab.diagnose.validation.next_experiment import experiments, in_words
+from vlab.diagnose.validation.next_experiment import separate
 from vlab.diagnose.validation.simulation import ExtendedModel, check, coarse_steps, extended, with_finer_steps
 from vlab.diagnose.verdict import (
     closes_gap,
@@ -278,8 +278,7 @@ class _Pass:
             self.report(0.95, "fitting a tabulated force")
             last, ours, again = self._other(searched, _sought(LAST_RESORT, self.at), UNKNOWN_LAW)
             tried = None if again is None else again.tried
-            known = total(attempt.checked, "after") if attempt is not None else np.inf
-            if again and tried and _is_better_table(tried, known):
+            if again and tried and is_better_table(tried, attempt):
                 return last._diagnosed(ours, replace(again, verdict="unknown-law"))
         return None
 
@@ -361,12 +360,14 @@ class _Pass:
             tried = with_left_out(tried, trials, searched.found.whole, judged.confirmed.before, terms_of)
             verdict = verdict_on(trials, tried)
         if verdict in NAMING:
+
+            def stands(fewer: Attempt) -> bool:
+                return verdict_on(trials, fewer) in (verdict, "missing-physics")
+
             tried = without_useless(
-                tried,
-                len(seen.of_law(problem)),
-                lambda fewer: trials.of(fewer, terms_of(fewer)),
-                lambda fewer: verdict_on(trials, fewer) in (verdict, "missing-physics"),
+                tried, len(seen.of_law(problem)), lambda fewer: trials.of(fewer, terms_of(fewer)), stands
             )
+            tried = trials.plainest(tried, searched.found.hypotheses, searched.found.whole.fit, terms_of, stands)
             verdict = verdict_on(trials, tried)
             if tried.fit is not fit:
                 judged = replace(judged, fit=tried.fit, after=seen.on(extended(problem, tried.fit)))
@@ -434,7 +435,7 @@ class _Pass:
                 *not_excluded(choice, verdict, fit.terms),
                 *implausible_parameters(problem.parameters, fit.theta),
             ),
-            next_measurement=_separating_experiment(searched, judged)
+            next_measurement=self._separating_experiment(searched, judged)
             or next_measurement(choice, verdict, [f.effect for f in findings], attempt),
             attempt=attempt,
             quality=seen.quality_lines(is_named=verdict in NAMING),
@@ -453,6 +454,15 @@ class _Pass:
             after=after,
             fit=fit,
         )
+
+    def _separating_experiment(self, searched: _Searched, judged: _Judged) -> str:
+        """Return the experiment that separates the two leading rivals, or ""."""
+        tried, choice = judged.attempt or judged.tried, judged.choice
+        # beside a complete explanation, what is clearly less probable is no rival
+        rivals = choice.alike if judged.verdict == "missing-physics" else [h for h, _ in choice.tried]
+        if tried is None or judged.verdict not in {*NAMING, "none-of-these"}:
+            return ""
+        return separate(searched.problem, rivals, searched.runs, tried.checked)
 
     def _notes(self, searched: _Searched, judged: _Judged, checked: Sequence[Checked]) -> tuple[str, ...]:
         """Return the notes of a diagnosis."""
@@ -477,26 +487,6 @@ class _Pass:
             *judged.confirmed.rejected,
             *searched.model_class.notes,
         )
-
-
-def _separating_experiment(searched: _Searched, judged: _Judged) -> str:
-    """Return the experiment that separates the two leading rivals, or ""."""
-    tried, choice = judged.attempt or judged.tried, judged.choice
-    # beside a complete explanation, what is clearly less probable is no rival
-    rivals = choice.alike if judged.verdict == "missing-physics" else [h for h, _ in choice.tried]
-    leading = [h for h in rivals if h.terms]
-    best = {term.effect.physics for term in leading[0].terms} if leading else set()
-    other = next((h for h in leading[1:] if {term.effect.physics for term in h.terms} != best), None)
-    if other is None or tried is None or judged.verdict not in {*NAMING, "none-of-these"}:
-        return ""
-    one, two = (extended(searched.problem, h.long_fit) for h in (leading[0], other))
-    return in_words(experiments(one, two, searched.runs, tried.checked), leading[0].label, other.label)
-
-
-def _is_better_table(tried: Attempt, known: float) -> bool:
-    """Return whether a tabulated force explains most, and predicts better than known effects with their error."""
-    explains = explains_most(tried.checked) and has_plausible_parameters(tried.fit)
-    return explains and total(tried.checked, "after") < known
 
 
 def _sought(effects: Sequence[Effect], at: Collection[str]) -> list[Effect]:

@@ -371,8 +371,8 @@ def is_plausible_beside_noise(fit: Fit) -> bool:
 def _accepts(fit: Fit, departure: float) -> bool:
     """Return whether squared deviations are those of a posterior mode under the stated prior.
 
-    The mode deviates by the variance that the data remove from the prior. The sum of squares is then a sum of chi-squared
-    variables with these weights, and has nearly a scaled chi-squared distribution of the same mean and variance [1]_.
+    The mode deviates by the variance that the data remove from the prior. The sum of squares is a weighted sum of
+    chi-squared variables. A scaled chi-squared distribution of the same mean and variance approximates it [1]_.
 
     References
     ----------

@@ -4,17 +4,20 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 
+import numpy as np
+
 from vlab.cases.channel_map import Run
 from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.diagnosis import Attempt, Finding
 from vlab.diagnose.findings import findings_of_attempt
-from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.inference.evidence import Hypothesis, effective_sample_size
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.ablation import ablate
-from vlab.diagnose.settings import ATTEMPT
+from vlab.diagnose.settings import ATTEMPT, MODEL_CHOICE
+from vlab.diagnose.validation.gap import total, verifying
 from vlab.diagnose.validation.simulation import ExtendedModel, SimulationCache, check, extended
-from vlab.diagnose.verdict import explains_most, explains_part
+from vlab.diagnose.verdict import explains_most, explains_part, has_plausible_parameters
 from vlab.physics.effect import Effect
 
 
@@ -98,6 +101,53 @@ class Trials:
         fit = replace(hypothesis.long_fit, terms=hypothesis.long_fit.nested_model(effects))
         return self.of(fit, findings_of_attempt(hypothesis, fit, self.problem))
 
+    def plainest(
+        self,
+        attempt: Attempt,
+        hypotheses: Iterable[Hypothesis],
+        refit: Callable[[Sequence[Term], Fit], Fit],
+        findings_of: Callable[[Fit], Sequence[Finding]],
+        stands: Callable[[Attempt], bool],
+    ) -> Attempt:
+        """Return the attempt of fewest effects that predicts as well.
+
+        A further effect may fit what is no such effect. Its refitted rivals without it then predict as well. An effect
+        that does nothing in these recordings stays.
+
+        Parameters
+        ----------
+        attempt : Attempt
+            Attempt on these recordings.
+        hypotheses : iterable of Hypothesis
+            Fitted hypotheses, best first.
+        refit : callable
+            Returns the final fit of terms from another fit.
+        findings_of : callable
+            Returns the findings of a fit.
+        stands : callable
+            Whether an attempt with fewer effects is as good an answer.
+
+        Returns
+        -------
+        Attempt
+            First attempt that `attempt` exceeds by no more than indistinguishable hypotheses differ; otherwise `attempt`.
+        """
+        tests, sites = verifying(attempt.checked), _sites(attempt.fit.terms)
+        is_idle = any(all(part.is_idle for part in parts) for parts in zip(*(c.parts for c in tests), strict=False))
+        if is_idle or len(sites) < 2 or len(attempt.checked) != len(self.runs):
+            return attempt
+        left, noise = total(tests, "after"), total(tests, "noise")
+        samples = sum(len(c.measured) for c in tests)
+        size = effective_sample_size(min(noise, left) ** 2, max(left**2 - noise**2, 0.0), samples)
+        most = left * np.exp(MODEL_CHOICE.alike / size)
+        fewer = [h for h in hypotheses if h.terms and _sites(h.terms) < sites]
+        for h in sorted(fewer, key=lambda h: len(h.terms))[: ATTEMPT.most_attempts]:
+            fit = refit(h.long_fit.terms, attempt.fit)
+            other = self.of(fit, findings_of(fit))
+            if total(verifying(other.checked), "after") <= most and stands(other):
+                return other
+        return attempt
+
 
 def without_useless(
     attempt: Attempt, first: int, again: Callable[[Fit], Attempt], stands: Callable[[Attempt], bool]
@@ -168,6 +218,31 @@ def best_attempt(
             part = part or attempt
         best = best or (attempt if attempt.holds else None)
     return part or best
+
+
+def is_better_table(table: Attempt, attempt: Attempt | None) -> bool:
+    """Return whether a tabulated force stands for an unknown law.
+
+    Parameters
+    ----------
+    table : Attempt
+        Attempt with a tabulated force.
+    attempt : Attempt or None
+        Best attempt with effects of the catalogue.
+
+    Returns
+    -------
+    bool
+        Whether the table explains most with plausible parameters, and predicts better than the attempt.
+    """
+    known = np.inf if attempt is None else total(attempt.checked, "after")
+    explains = explains_most(table.checked) and has_plausible_parameters(table.fit)
+    return explains and total(table.checked, "after") < known
+
+
+def _sites(terms: Sequence[Term]) -> set[tuple[str, str]]:
+    """Return family and location of terms."""
+    return {(term.effect.family, term.place.name) for term in terms}
 
 
 def _same(model: ExtendedModel) -> ExtendedModel:

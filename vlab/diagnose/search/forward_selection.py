@@ -77,7 +77,7 @@ class ForwardSelection:
         for start in [best] if best.is_one_law else [*one_law, self.before]:
             out = self._from(start, out)
         best = by_score([*out, self.before])[0]
-        exchanged = self._exchanged(best) if self._goes_on([best]) else []
+        exchanged = [] if self.deadline.is_past else self._exchanged(best)
         out += exchanged
         if (better := by_score([*exchanged, best])[0]) is not best:
             out = self._from(better, out)
@@ -92,7 +92,8 @@ class ForwardSelection:
             rest = [term for term in best.terms if term.effect.name != law.name]
             others: dict[str, dict[str, Candidate]] = {}
             for c in self.candidates:
-                if c.effect.family == law.family and c.effect.name not in laws and c.place.name in own:
+                is_rival = c.effect.family == law.family and c.effect.name not in laws
+                if is_rival and c.place.name in own and c.log_likelihood_gain > SHORTLIST.least_gain:
                     others.setdefault(c.effect.name, {})[c.place.name] = c
             sets += [[*rest, *terms_of(list(other.values()))] for other in others.values() if len(other) == len(own)]
         return side_by_side(lambda terms: self.fitted(terms, best.long_fit), sets)

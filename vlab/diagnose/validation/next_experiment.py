@@ -15,9 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vlab.cases.channel_map import Run
+from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import VALIDATION
 from vlab.diagnose.validation.checked import Checked
-from vlab.diagnose.validation.simulation import ExtendedModel
+from vlab.diagnose.validation.simulation import ExtendedModel, extended
 from vlab.errors import BadCase, Diverged
 from vlab.parallel import side_by_side
 from vlab.signals import Array
@@ -43,6 +45,34 @@ class Experiment:
     recording: str
     level: float
     separation: float
+
+
+def separate(problem: Problem, rivals: Sequence[Hypothesis], runs: Sequence[Run], checked: Sequence[Checked]) -> str:
+    """Return the experiment that separates the leading rivals of different physics.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem.
+    rivals : sequence of Hypothesis
+        Hypotheses, the leading one first.
+    runs : sequence of Run
+        Recordings.
+    checked : sequence of Checked
+        Errors of the reported model on the same recordings.
+
+    Returns
+    -------
+    str
+        Experiment, or "" without rivals.
+    """
+    leading = [h for h in rivals if h.terms]
+    best = {term.effect.physics for term in leading[0].terms} if leading else set()
+    other = next((h for h in leading[1:] if {term.effect.physics for term in h.terms} != best), None)
+    if other is None:
+        return ""
+    one, two = (extended(problem, h.long_fit) for h in (leading[0], other))
+    return in_words(experiments(one, two, runs, checked), leading[0].label, other.label)
 
 
 def experiments(
