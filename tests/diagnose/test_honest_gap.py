@@ -11,7 +11,7 @@ from rig_stop import GAP, STOP, stop_case
 
 from vlab.cases import load_case
 from vlab.cli.diagnose import _text
-from vlab.diagnose.advice import format_probability, refuted_note, spoilt_note
+from vlab.diagnose.advice import diverged_note, format_probability, notes_on_models, refuted_note, spoilt_note
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, errors_to_json
 from vlab.diagnose.findings import alternatives, by_what_they_explain
 from vlab.diagnose.inference.evidence import Found, Hypothesis
@@ -113,6 +113,14 @@ def test_that_a_refit_spoils_recordings_is_said_once():
     assert "r3" not in line
     assert "r4" not in line
     assert spoilt_note(runs[2:]) == ()
+
+
+def test_that_the_model_as_given_diverges_is_said_with_a_remedy():
+    runs = [distance(nominal=np.inf, calibrated=np.inf, name="r1"), distance(name="r2")]
+    (line,) = diverged_note(runs)
+    assert "diverges on r1: give the model a shorter timestep" in line
+    assert line in notes_on_models(runs)
+    assert diverged_note(runs[1:]) == ()
 
 
 # ---- what a finding does in a recording -----------------------------------------------------------------------------

@@ -74,6 +74,44 @@ def spoilt_note(checked: Sequence[Distance]) -> tuple[str, ...]:
     )
 
 
+def notes_on_models(checked: Sequence[Distance]) -> tuple[str, ...]:
+    """Return notes on failures of the nominal and the calibrated model.
+
+    Parameters
+    ----------
+    checked : sequence of Distance
+        Errors.
+
+    Returns
+    -------
+    tuple of str
+        Notes.
+    """
+    return (*diverged_note(checked), *spoilt_note(checked), *refuted_note(checked))
+
+
+def diverged_note(checked: Sequence[Distance]) -> tuple[str, ...]:
+    """Return a note on recordings where the nominal model diverges.
+
+    Parameters
+    ----------
+    checked : sequence of Distance
+        Errors.
+
+    Returns
+    -------
+    tuple of str
+        One note, or none.
+    """
+    names = [c.name for c in checked if np.isinf(c.nominal)]
+    if not names:
+        return ()
+    return (
+        f"the simulation of the model as given diverges on {', '.join(names)}: give the model a shorter timestep, or the "
+        'integrator "implicitfast"',
+    )
+
+
 def refuted_note(checked: Sequence[Distance]) -> tuple[str, ...]:
     """Return a note on recordings that a model of implausible parameters follows.
 

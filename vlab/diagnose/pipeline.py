@@ -15,9 +15,8 @@ from vlab.diagnose.advice import (
     implausible_parameters,
     next_measurement,
     not_excluded,
-    refuted_note,
+    notes_on_models,
     scope_note,
-    spoilt_note,
 )
 from vlab.diagnose.data.quality import assess_quality
 from vlab.diagnose.data_findings import DataFindings, look_at_data
@@ -473,8 +472,7 @@ class _Pass:
             *residual_note(verdict, checked, is_structure=is_structure),
             *coloured_noise_note(verdict, checked, is_structure=is_structure),
             *fit_note(verdict, checked, is_structure=is_structure),
-            *spoilt_note(checked),
-            *refuted_note(checked),
+            *notes_on_models(checked),
             *idle_note(idle),
             *judged.notes,
             *([self.told] if self.told else []),
