@@ -44,6 +44,8 @@ class ForwardSelection:
         Normalised residual of whole runs that needs no further effect.
     deadline : Deadline
         End of the time for further effects.
+    report : callable
+        Receives the current step.
     """
 
     before: Hypothesis
@@ -52,6 +54,7 @@ class ForwardSelection:
     candidates: Sequence[Candidate]
     enough: float = HYPOTHESIS_FITS.enough
     deadline: Deadline = NO_DEADLINE
+    report: Callable[[str], None] = lambda what: None
 
     def extend(self, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Return hypotheses with all that the selection fits, by score.
@@ -77,6 +80,7 @@ class ForwardSelection:
         for start in [best] if best.is_one_law else [*one_law, self.before]:
             out = self._from(start, out)
         best = by_score([*out, self.before])[0]
+        self.report("exchanging related effects")
         exchanged = [] if self.deadline.is_past else self._exchanged(best)
         out += exchanged
         if (better := by_score([*exchanged, best])[0]) is not best:
@@ -136,8 +140,11 @@ class ForwardSelection:
 
     def _beside(self, seed: Hypothesis) -> list[Hypothesis]:
         """Return fits of further effects beside a hypothesis."""
+        here = f"beside {len(seed.terms)} effects" if seed.terms else "on whole recordings"
+        self.report(f"screening effects {here}")
         table = profile(self.whole, seed.long_fit, self._pool())
         chosen = further_effects(seed, table)
+        self.report(f"fitting {len(chosen)} effects {here}")
         return side_by_side(lambda c: self.fitted([*seed.long_fit.terms, *terms_of([c])], seed.long_fit), chosen)
 
     def fitted(self, terms: Sequence[Term], start: Fit) -> Hypothesis:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -139,7 +140,13 @@ def search(
     report(0.9, "adding effects")
     least = max(enough, HYPOTHESIS_FITS.enough)
     selection = ForwardSelection(
-        before=before, windows=narrow, whole=whole, candidates=candidates, enough=least, deadline=deadline
+        before=before,
+        windows=narrow,
+        whole=whole,
+        candidates=candidates,
+        enough=least,
+        deadline=deadline,
+        report=partial(report, 0.9),
     )
     hypotheses = as_meant(whole, selection.extend(hypotheses))
     shares = (whole.noise_share, whole.error_share, whole.effective_samples, whole.integration_share)

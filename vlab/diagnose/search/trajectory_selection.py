@@ -1,6 +1,7 @@
 """Search in time on the trajectory-linearised model class."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from vlab.diagnose.inference.calibration import calibrate
 from vlab.diagnose.inference.evidence import Hypothesis
@@ -96,7 +97,13 @@ def search_moving(
     report(0.9, "adding effects")
     enough = SELECTION.explains * floor_of(whole)
     selection = ForwardSelection(
-        before=before, windows=narrow, whole=whole, candidates=candidates, enough=enough, deadline=deadline
+        before=before,
+        windows=narrow,
+        whole=whole,
+        candidates=candidates,
+        enough=enough,
+        deadline=deadline,
+        report=partial(report, 0.9),
     )
     hypotheses = selection.extend(hypotheses)
     places = other_places(narrow, hypotheses[0], candidates, before.fit) if hypotheses else {}
