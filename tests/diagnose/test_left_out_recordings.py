@@ -29,10 +29,10 @@ def test_a_stop_in_two_fitted_recordings_is_verified_by_leaving_each_out(twice):
     assert stop["parameters"]["stiffness"]["value"] == pytest.approx(STOP, rel=0.1)
     assert stop["parameters"]["gap"]["value"] == pytest.approx(GAP, rel=0.05)
     checked = {run["name"]: run for run in document["heldout"]["per_recording"]}
-    assert list(checked) == ["aside", "loud, left out", "loud 2, left out"]
+    assert list(checked) == ["aside", "loud, left out of the fit", "loud 2, left out of the fit"]
     assert [run["can_verify"] for run in checked.values()] == [False, True, True]
-    assert stop["verified_by"] == ["loud, left out", "loud 2, left out"]
-    for name in ("loud, left out", "loud 2, left out"):
+    assert stop["verified_by"] == ["loud, left out of the fit", "loud 2, left out of the fit"]
+    for name in ("loud, left out of the fit", "loud 2, left out of the fit"):
         assert checked[name]["nrmse_after"] < 0.2 * checked[name]["nrmse_before"]
 
 

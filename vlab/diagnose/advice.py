@@ -156,9 +156,10 @@ def idle_note(checked: Sequence[Distance]) -> tuple[str, ...]:
     for i, part in enumerate(held[0].parts if held else ()):
         names = [c.name for c in held if c.parts[i].is_idle]
         if names:
+            able = [c.name for c in held if c.name not in names]
             rest = (
-                "cannot verify it"
-                if len(names) < len(held)
+                f"cannot verify it as {'; '.join(able)} can"
+                if able
                 else "cannot verify it, and no other recording is held out: it comes from the fit recordings alone"
             )
             out.append(f"{part.name} is within the noise in {', '.join(names)}, which {rest}")

@@ -92,13 +92,15 @@ class ForwardSelection:
         laws = {term.effect.name: term.effect for term in best.terms}
         sets: list[list[Term]] = []
         for law in laws.values() if len(laws) > 1 else ():
-            own = {term.place.name for term in best.terms if term.effect.name == law.name}
+            own = {term.place.name: term.values for term in best.terms if term.effect.name == law.name}
             rest = [term for term in best.terms if term.effect.name != law.name]
             others: dict[str, dict[str, Candidate]] = {}
             for c in self.candidates:
                 is_rival = c.effect.family == law.family and c.effect.name not in laws
                 if is_rival and c.place.name in own and c.log_likelihood_gain > SHORTLIST.least_gain:
-                    others.setdefault(c.effect.name, {})[c.place.name] = c
+                    known = own[c.place.name]  # as the force of a friction in every form
+                    values = {name: known.get(name, value) for name, value in c.values.items()}
+                    others.setdefault(c.effect.name, {})[c.place.name] = replace(c, values=values)
             sets += [[*rest, *terms_of(list(other.values()))] for other in others.values() if len(other) == len(own)]
         return side_by_side(lambda terms: self.fitted(terms, best.long_fit), sets)
 

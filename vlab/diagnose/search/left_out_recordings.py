@@ -64,7 +64,7 @@ def with_left_out(
         model = extended(trials.problem, calibrated, offsets)
         own = replace(
             trials,
-            runs=[replace(run, name=f"{run.name}, left out", role="holdout")],
+            runs=[replace(run, name=f"{run.name}, left out of the fit", role="holdout")],
             before=model if trials.change is None else trials.change(model),
             cache={},
         )
