@@ -140,14 +140,9 @@ def search(
     report(0.9, "adding effects")
     least = max(enough, HYPOTHESIS_FITS.enough)
     selection = ForwardSelection(
-        before=before,
-        windows=narrow,
-        whole=whole,
-        candidates=candidates,
-        enough=least,
-        deadline=deadline,
+        before=before, windows=narrow, whole=whole, candidates=candidates, enough=least, deadline=deadline,
         report=partial(report, 0.9),
-    )
+    )  # fmt: skip
     hypotheses = as_meant(whole, selection.extend(hypotheses))
     shares = (whole.noise_share, whole.error_share, whole.effective_samples, whole.integration_share)
     before, *hypotheses = weighed([before, *hypotheses], *shares)

@@ -97,14 +97,9 @@ def search_moving(
     report(0.9, "adding effects")
     enough = SELECTION.explains * floor_of(whole)
     selection = ForwardSelection(
-        before=before,
-        windows=narrow,
-        whole=whole,
-        candidates=candidates,
-        enough=enough,
-        deadline=deadline,
+        before=before, windows=narrow, whole=whole, candidates=candidates, enough=enough, deadline=deadline,
         report=partial(report, 0.9),
-    )
+    )  # fmt: skip
     hypotheses = selection.extend(hypotheses)
     places = other_places(narrow, hypotheses[0], candidates, before.fit) if hypotheses else {}
     return TimeFound(
