@@ -16,6 +16,7 @@ from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, errors_to_json
 from vlab.diagnose.findings import alternatives, by_what_they_explain
 from vlab.diagnose.inference.evidence import Found, Hypothesis
 from vlab.diagnose.inference.model_choice import choose_model
+from vlab.diagnose.model_kinds.mjcf_model import MjcfModel
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.search.attempt import best_attempt
@@ -261,7 +262,7 @@ def test_an_attempt_stands_in_the_document_and_the_text_without_a_probability():
         fit=fit_of(),
     )
     choice = choose_model(Found(before=hypothesis(9.0), hypotheses=(hypothesis(3.0, "added-mass"),)))
-    tried = alternatives(choice, SimpleNamespace(case=SimpleNamespace(structure=1), places=()), "none-of-these", 9.0)
+    tried = alternatives(choice, SimpleNamespace(model_kind=MjcfModel(), places=()), "none-of-these", 9.0)
     shown = diagnosis("none-of-these", attempt=two, alternatives=tried)
     document = json.loads(json.dumps(shown.to_json(), allow_nan=False))["attempt"]
     assert "probability" not in keys(document)
@@ -309,7 +310,7 @@ def test_probabilities_are_printed_as_far_as_they_are_told():
     choice = choose_model(
         Found(before=hypothesis(9.0), hypotheses=(hypothesis(1.0, "added-mass"), hypothesis(8.0, "stop")))
     )
-    problem = SimpleNamespace(case=SimpleNamespace(structure=None), places=())
+    problem = SimpleNamespace(model_kind=MjcfModel(), places=())
     tried = alternatives(choice, problem, "missing-physics", 9.0)
     assert 0 < tried[0]["probability"] < 1e-6
     text = _text(diagnosis("missing-physics", findings=(finding(stiffness=4.0),), alternatives=tried))

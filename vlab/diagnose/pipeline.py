@@ -28,11 +28,10 @@ from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.inference.sensor_offset import explained_sensor_offsets, find_sensor_offsets
 from vlab.diagnose.parameters.holdout import HoldOut, moves, read_holdout
 from vlab.diagnose.parameters.locations import check_candidates, limited
-from vlab.diagnose.parameters.mesh_correction import with_modes_of_fe
 from vlab.diagnose.parameters.shared_numbers import with_whole_gains
 from vlab.diagnose.parameters.static_offset import StaticOffset, remove_static_offsets
 from vlab.diagnose.parameters.terms import Fit
-from vlab.diagnose.problem import Problem
+from vlab.diagnose.problem import Problem, model_kind_of
 from vlab.diagnose.search.alternative_conventions import choose_convention
 from vlab.diagnose.search.attempt import Trials, best_attempt, without_useless
 from vlab.diagnose.search.confirmation import Confirmation, Confirmed
@@ -237,7 +236,8 @@ class _Pass:
     def run(self) -> Diagnosed | RejectedCase:
         """Return the diagnosis, after further passes where this one shows other conventions or steps."""
         self.report(0.0, "reading")
-        case, static_offsets = remove_static_offsets(with_modes_of_fe(self.whole_case))
+        meshed = model_kind_of(self.whole_case).with_corrected_mesh(self.whole_case)
+        case, static_offsets = remove_static_offsets(meshed)
         file = check_recordings(case) if self.checked_file is None else self.checked_file
         if file.of("fatal"):
             return reject_case(self.whole_case, file, time.monotonic() - self.began)

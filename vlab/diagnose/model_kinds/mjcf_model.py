@@ -1,0 +1,100 @@
+"""Models from MJCF files of a user."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from vlab.cases.case import Case
+from vlab.diagnose.model_kinds.model_kind import ModalUncertainty, ModelKind
+from vlab.diagnose.parameters.geometry import geometry_about_rest, parts_about_rest
+from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, common_scale, uncertain_parameters
+from vlab.diagnose.parameters.mjcf_sensitivity import parts_of
+from vlab.diagnose.parameters.mode_selection import KeptModes
+from vlab.diagnose.parameters.recorded_runs import RecordedRuns
+from vlab.diagnose.parameters.reduced_model import Part, ReducedModel
+from vlab.diagnose.settings import PROBLEM, SELECTION
+from vlab.physics.effect import Effect
+from vlab.plants.base import Plant
+from vlab.signals import Array
+
+
+class MjcfModel(ModelKind):
+    """Model from an MJCF file, exact but for its integration."""
+
+    has_mesh_error = False
+    stays_linear = False
+    has_open_conventions = True
+    has_doubtful_nonlinearity = False
+
+    @property
+    def own_error(self) -> float:
+        """See `ModelKind`."""
+        return PROBLEM.integration_error
+
+    @property
+    def correlated_error(self) -> float:
+        """See `ModelKind`."""
+        return 0.0
+
+    def explained_residual(self, noise_share: float, error_share: float) -> float:
+        """See `ModelKind`; the noise is the floor."""
+        return SELECTION.explains * float(np.sqrt(noise_share))
+
+    def with_corrected_mesh(self, case: Case) -> Case:
+        """See `ModelKind`; without a mesh the case is unchanged."""
+        return case
+
+    def with_soft_cables(self, case: Case) -> Case | None:
+        """See `ModelKind`."""
+        return None
+
+    def uncertainty_about_rest(self, case: Case, recorded: RecordedRuns, modes: KeptModes) -> ModalUncertainty:
+        """See `ModelKind`."""
+        given = case.table.model.uncertain
+        parameters = [
+            *uncertain_parameters(case.plant, given, recorded.names, recorded.driven),
+            *geometry_about_rest(case.plant, given, modes.basis),
+        ]
+        return ModalUncertainty(
+            parameters=tuple(parameters), parts=parts_about_rest(case.plant, parameters, modes.basis)
+        )
+
+    def damping_about_rest(
+        self, plant: Plant, modes: KeptModes, reduced_model: ReducedModel, parameters: Sequence[Uncertain]
+    ) -> None:
+        """See `ModelKind`; dampers have a matrix."""
+
+    def parameters_of_responses(
+        self, plant: Plant, given: Mapping[str, float], channels: Sequence[str], actuators: Sequence[int]
+    ) -> Sequence[Uncertain]:
+        """See `ModelKind`."""
+        return uncertain_parameters(plant, given, channels, actuators)
+
+    def parts_of_responses(
+        self, plant: Plant, parameters: Sequence[Uncertain], omega: Array, shapes: Array
+    ) -> tuple[Part, ...]:
+        """See `ModelKind`."""
+        return parts_of(plant, parameters, shapes)
+
+    def damping_of_responses(
+        self, plant: Plant, parameters: Sequence[Uncertain], shapes: Array, M: Array, K: Array
+    ) -> None:
+        """See `ModelKind`; dampers have a matrix."""
+
+    def common_scale(self, plant: Plant, parameters: Sequence[Uncertain], *, loaded: bool) -> Array | None:
+        """See `ModelKind`."""
+        return common_scale(plant, parameters, loaded=loaded)
+
+    def adjusted(self, plant: Plant, parameters: Sequence[Uncertain], theta: Array) -> Plant:
+        """See `ModelKind`."""
+        return adjusted(plant, parameters, theta)
+
+    def for_plant(
+        self, reduced_model: ReducedModel, plant: Plant, parameters: Sequence[Uncertain], theta: Array
+    ) -> Array:
+        """See `ModelKind`; no parameter is a frequency."""
+        return theta
+
+    def reported_place(self, name: str, effect: Effect, driven: int) -> str:
+        """See `ModelKind`."""
+        return name
