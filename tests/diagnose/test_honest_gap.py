@@ -143,15 +143,15 @@ def test_a_gap_that_a_refit_closes_is_none_that_a_finding_closes():
     """The stop is grazed: of what is better with it its removal takes away a tenth."""
     grazed = distance(nominal=0.072, calibrated=0.9, after=0.05, noise=0.046, bare=0.052, parts=(part(50.0, 0.052),))
     assert grazed.gap_closed > 0.8
-    assert not closes_gap([grazed], is_structure=False)
-    assert closes_gap([replace(grazed, bare=0.3, parts=(part(50.0, 0.3),))], is_structure=False)
+    assert not closes_gap([grazed], model_kind=MjcfModel())
+    assert closes_gap([replace(grazed, bare=0.3, parts=(part(50.0, 0.3),))], model_kind=MjcfModel())
 
 
 def verdict(checked, fitted, *, is_prior_driven=False, left=1.0):
     best = SimpleNamespace(terms=(1,), normalised_residual=left)
     choice = SimpleNamespace(best=best, gained=1.0, is_prior_driven=is_prior_driven)
     seen = SimpleNamespace(damage=SimpleNamespace(fatal=(), warnings=()), is_missing=False, steps=(), stops=())
-    return decide_verdict(choice, checked, seen, is_structure=False, fitted=lambda: fitted)
+    return decide_verdict(choice, checked, seen, model_kind=MjcfModel(), fitted=lambda: fitted)
 
 
 def test_what_no_recording_kept_aside_can_verify_is_not_reported_as_found():
@@ -167,9 +167,9 @@ def test_what_no_recording_kept_aside_can_verify_is_not_reported_as_found():
     assert (
         verdict([near], [distance(role="fit", after=0.39)]) == "none-of-these"
     )  # what the fit lacks, nothing explains
-    assert fit_note("none-of-these", [near], is_structure=False)
-    assert not fit_note("nothing-missing", [near], is_structure=False)
-    assert not fit_note("none-of-these", [distance()], is_structure=False)
+    assert fit_note("none-of-these", [near], model_kind=MjcfModel())
+    assert not fit_note("nothing-missing", [near], model_kind=MjcfModel())
+    assert not fit_note("none-of-these", [distance()], model_kind=MjcfModel())
     told = distance(bare=0.5, parts=(part(500.0, 0.5),))
     assert verdict([told, idle_note], fitted) == "missing-physics"  # the other one can
     assert verdict([told], fitted) == "missing-physics"

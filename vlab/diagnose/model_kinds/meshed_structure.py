@@ -22,7 +22,7 @@ from vlab.diagnose.parameters.structure_sensitivity import (
     structure_parts,
     structure_shifts,
 )
-from vlab.diagnose.settings import MESHED_STRUCTURE, PROBLEM, SELECTION
+from vlab.diagnose.settings import MESHED_STRUCTURE, PROBLEM, SELECTION, VERDICT
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
@@ -50,6 +50,7 @@ class MeshedStructure(ModelKind):
     has_mesh_error = True
     stays_linear = True
     has_open_conventions = False
+    has_stated_time_step = False
     has_doubtful_nonlinearity = True
 
     @property
@@ -61,6 +62,15 @@ class MeshedStructure(ModelKind):
     def correlated_error(self) -> float:
         """See `ModelKind`; the mesh errs alike in all samples."""
         return self.own_error
+
+    @property
+    def holdout_error(self) -> float:
+        """See `ModelKind`."""
+        return PROBLEM.mesh_own_error
+
+    def is_mismatch(self, error: float, noise: float) -> bool:
+        """See `ModelKind`."""
+        return bool(error > np.hypot(VERDICT.above_noise * noise, self.holdout_error))
 
     def explained_residual(self, noise_share: float, error_share: float) -> float:
         """See `ModelKind`; a share of the mesh error may remain."""

@@ -12,7 +12,7 @@ from vlab.diagnose.parameters.mjcf_sensitivity import parts_of
 from vlab.diagnose.parameters.mode_selection import KeptModes
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns
 from vlab.diagnose.parameters.reduced_model import Part, ReducedModel
-from vlab.diagnose.settings import PROBLEM, SELECTION
+from vlab.diagnose.settings import PROBLEM, SELECTION, VERDICT
 from vlab.physics.effect import Effect
 from vlab.plants.base import Plant
 from vlab.signals import Array
@@ -24,6 +24,7 @@ class MjcfModel(ModelKind):
     has_mesh_error = False
     stays_linear = False
     has_open_conventions = True
+    has_stated_time_step = True
     has_doubtful_nonlinearity = False
 
     @property
@@ -35,6 +36,15 @@ class MjcfModel(ModelKind):
     def correlated_error(self) -> float:
         """See `ModelKind`."""
         return 0.0
+
+    @property
+    def holdout_error(self) -> float:
+        """See `ModelKind`."""
+        return PROBLEM.model_error
+
+    def is_mismatch(self, error: float, noise: float) -> bool:
+        """See `ModelKind`."""
+        return error > max(VERDICT.above_noise * noise, VERDICT.least_misfit)
 
     def explained_residual(self, noise_share: float, error_share: float) -> float:
         """See `ModelKind`; the noise is the floor."""

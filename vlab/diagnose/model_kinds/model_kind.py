@@ -47,6 +47,8 @@ class ModelKind(ABC):
     """Whether the model deflects little and stays time-invariant."""
     has_open_conventions: ClassVar[bool]
     """Whether the sampling convention of the recordings may be unknown."""
+    has_stated_time_step: ClassVar[bool]
+    """Whether the author of the model chose the time step, which may be too long."""
     has_doubtful_nonlinearity: ClassVar[bool]
     """Whether the model's own nonlinearity counts only if the recordings show it."""
     # ---- errors -----------------------------------------------------------------------------------------------------
@@ -60,6 +62,28 @@ class ModelKind(ABC):
     @abstractmethod
     def correlated_error(self) -> float:
         """Relative model error that is correlated over samples."""
+
+    @property
+    @abstractmethod
+    def holdout_error(self) -> float:
+        """Relative residual that a complete model may leave on hold-out recordings."""
+
+    @abstractmethod
+    def is_mismatch(self, error: float, noise: float) -> bool:
+        """Return whether an error on recordings exceeds noise and model error.
+
+        Parameters
+        ----------
+        error : float
+            Error over the recordings' rms.
+        noise : float
+            Noise over the recordings' rms.
+
+        Returns
+        -------
+        bool
+            Whether the model misses something.
+        """
 
     @abstractmethod
     def explained_residual(self, noise_share: float, error_share: float) -> float:
