@@ -1,19 +1,22 @@
 """Flexible structures that vlab meshes, with a mesh error of known size."""
 
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from vlab.cases.case import Case
-from vlab.diagnose.model_kinds.model_kind import ModalUncertainty, ModelKind
+from vlab.diagnose.model_kinds.model_kind import CalibratedModel, ModalUncertainty, ModelKind, WrittenModel
+from vlab.diagnose.model_kinds.structure_file import structure_toml
 from vlab.diagnose.parameters.locations import reported_name
 from vlab.diagnose.parameters.mesh_correction import with_modes_of_fe, with_soft_cables
 from vlab.diagnose.parameters.mjcf import Uncertain
 from vlab.diagnose.parameters.mode_selection import KeptModes
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns
 from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, ReducedModel
-from vlab.diagnose.parameters.structure import adjusted_structure, structure_parameters
+from vlab.diagnose.parameters.structure import adjusted_structure, edited, structure_parameters
 from vlab.diagnose.parameters.structure_sensitivity import (
     carried,
     common_scale_of_structure,
@@ -26,10 +29,14 @@ from vlab.diagnose.settings import MESHED_STRUCTURE, PROBLEM, SELECTION, VERDICT
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
+from vlab.physics.attach import Attached
 from vlab.physics.effect import Effect
 from vlab.plants.base import Plant
 from vlab.signals import Array
 from vlab.structure.model import Structure
+
+STRUCTURE = "amended-structure.toml"
+"""Name of the written file."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,6 +59,8 @@ class MeshedStructure(ModelKind):
     has_open_conventions = False
     has_stated_time_step = False
     has_doubtful_nonlinearity = True
+    has_mjcf_file = False
+    holds_actuator_gains = False
 
     @property
     def own_error(self) -> float:
@@ -152,6 +161,16 @@ class MeshedStructure(ModelKind):
     def reported_place(self, name: str, effect: Effect, driven: int) -> str:
         """See `ModelKind`; the name is that of the hardware."""
         return reported_name(name, effect, driven)
+
+    def write(self, model: CalibratedModel, effects: Sequence[Attached], folder: Path) -> WrittenModel:
+        """See `ModelKind`; no effect has an element in the file."""
+        content = structure_toml(edited(self.structure, model.parameters, model.theta))
+        (folder / STRUCTURE).write_text(content, encoding="utf-8")
+        entries, hardware = {"structure": STRUCTURE}, model.case.table.model.hardware
+        if hardware:
+            shutil.copyfile(model.case.folder / hardware, folder / Path(hardware).name)
+            entries["hardware"] = Path(hardware).name
+        return WrittenModel(file=STRUCTURE, entries=entries, beside=tuple(effects))
 
     def _driven(self, plant: Plant, modes: KeptModes) -> Array:
         """Return the indices of the modes that the coils drive."""

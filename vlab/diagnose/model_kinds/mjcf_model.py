@@ -1,11 +1,14 @@
 """Models from MJCF files of a user."""
 
+import shutil
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from vlab.cases.case import Case
-from vlab.diagnose.model_kinds.model_kind import ModalUncertainty, ModelKind
+from vlab.diagnose.model_kinds.model_kind import CalibratedModel, ModalUncertainty, ModelKind, WrittenModel
 from vlab.diagnose.parameters.geometry import geometry_about_rest, parts_about_rest
 from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, common_scale, uncertain_parameters
 from vlab.diagnose.parameters.mjcf_sensitivity import parts_of
@@ -13,9 +16,13 @@ from vlab.diagnose.parameters.mode_selection import KeptModes
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns
 from vlab.diagnose.parameters.reduced_model import Part, ReducedModel
 from vlab.diagnose.settings import PROBLEM, SELECTION, VERDICT
+from vlab.physics.attach import Attached, written
 from vlab.physics.effect import Effect
 from vlab.plants.base import Plant
 from vlab.signals import Array
+
+MODEL = "amended.xml"
+"""Name of the written file."""
 
 
 class MjcfModel(ModelKind):
@@ -26,6 +33,8 @@ class MjcfModel(ModelKind):
     has_open_conventions = True
     has_stated_time_step = True
     has_doubtful_nonlinearity = False
+    has_mjcf_file = True
+    holds_actuator_gains = True
 
     @property
     def own_error(self) -> float:
@@ -108,3 +117,29 @@ class MjcfModel(ModelKind):
     def reported_place(self, name: str, effect: Effect, driven: int) -> str:
         """See `ModelKind`."""
         return name
+
+    def write(self, model: CalibratedModel, effects: Sequence[Attached], folder: Path) -> WrittenModel:
+        """See `ModelKind`; files that the model names are copied."""
+        spec, beside = written(model.plant, effects)
+        (folder / MODEL).write_text(spec.to_xml(), encoding="utf-8")
+        _copy_assets(spec, (model.case.folder / model.case.table.model.mjcf).parent, folder)
+        return WrittenModel(file=MODEL, entries={"mjcf": MODEL}, beside=tuple(beside))
+
+
+def _copy_assets(spec: Any, source: Path, folder: Path) -> None:
+    """Copy meshes, height fields, skins and textures of a model from its folder."""
+    for kind, directory in (
+        ("meshes", spec.meshdir),
+        ("hfields", spec.meshdir),
+        ("skins", spec.meshdir),
+        ("textures", spec.texturedir),
+    ):
+        for element in getattr(spec, kind):
+            names = [element.file, *getattr(element, "cubefiles", ())]
+            for name in (Path(directory) / n for n in names if n):
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                in_memory = spec.assets.get(str(name), spec.assets.get(name.name))
+                if in_memory is None:
+                    shutil.copyfile(source / name, folder / name)
+                else:
+                    (folder / name).write_bytes(in_memory)

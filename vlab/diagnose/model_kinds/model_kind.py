@@ -1,12 +1,13 @@
 """Interface of the kinds of nominal models.
 
-A kind states the errors of its models, and their uncertain parameters. Its names are the reasons for which
+A kind states the errors of its models, their uncertain parameters, and their files. Its names are the reasons for which
 diagnoses of different models differ.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar
 
 from vlab.cases.case import Case
@@ -14,6 +15,7 @@ from vlab.diagnose.parameters.mjcf import Uncertain
 from vlab.diagnose.parameters.mode_selection import KeptModes
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns
 from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, ReducedModel, Shift
+from vlab.physics.attach import Attached
 from vlab.physics.effect import Effect
 from vlab.plants.base import Plant
 from vlab.signals import Array
@@ -38,6 +40,47 @@ class ModalUncertainty:
     shifts: tuple[Shift, ...] = ()
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CalibratedModel:
+    """Calibrated model of a case.
+
+    Parameters
+    ----------
+    case : Case
+        Case of the nominal model.
+    plant : Plant
+        Calibrated plant.
+    parameters : tuple of Uncertain
+        Uncertain parameters.
+    theta : (n_parameters,) array
+        Log factors for a rebuilt plant.
+    """
+
+    case: Case
+    plant: Plant
+    parameters: tuple[Uncertain, ...]
+    theta: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrittenModel:
+    """Written file of an extended model.
+
+    Parameters
+    ----------
+    file : str
+        Name in the output folder.
+    entries : mapping of str to str
+        Entries of ``[model]`` in the case.
+    beside : tuple of Attached
+        Effects that the file cannot hold.
+    """
+
+    file: str
+    entries: Mapping[str, str]
+    beside: tuple[Attached, ...]
+
+
 class ModelKind(ABC):
     """Kind of a nominal model."""
 
@@ -51,6 +94,11 @@ class ModelKind(ABC):
     """Whether the author of the model chose the time step, which may be too long."""
     has_doubtful_nonlinearity: ClassVar[bool]
     """Whether the model's own nonlinearity counts only if the recordings show it."""
+    has_mjcf_file: ClassVar[bool]
+    """Whether the model is an MJCF file, which MuJoCo reads."""
+    holds_actuator_gains: ClassVar[bool]
+    """Whether the model file holds calibrated gains of actuators."""
+
     # ---- errors -----------------------------------------------------------------------------------------------------
 
     @property
@@ -286,7 +334,7 @@ class ModelKind(ABC):
             Log factors for a rebuilt plant.
         """
 
-    # ---- report -----------------------------------------------------------------------------------------------------
+    # ---- report and files -------------------------------------------------------------------------------------------
 
     @abstractmethod
     def reported_place(self, name: str, effect: Effect, driven: int) -> str:
@@ -305,4 +353,28 @@ class ModelKind(ABC):
         -------
         str
             Name in the report.
+        """
+
+    @abstractmethod
+    def write(self, model: CalibratedModel, effects: Sequence[Attached], folder: Path) -> WrittenModel:
+        """Write the file of an extended model.
+
+        Parameters
+        ----------
+        model : CalibratedModel
+            Calibrated model.
+        effects : sequence of Attached
+            Effects of the findings.
+        folder : Path
+            Output folder.
+
+        Returns
+        -------
+        WrittenModel
+            File with its entries in the case.
+
+        Raises
+        ------
+        OSError
+            A file cannot be written.
         """
