@@ -40,6 +40,7 @@ ROOMS = [
     "vlab/diagnose/kernels",
     "vlab/diagnose/data",
     "vlab/diagnose/parameters",
+    "vlab/diagnose/model_kinds",
     "vlab/diagnose/predictors",
     "vlab/diagnose/inference",
     "vlab/diagnose/search",

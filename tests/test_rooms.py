@@ -30,6 +30,7 @@ ROOMS = [
     "vlab.diagnose.kernels",
     "vlab.diagnose.data",
     "vlab.diagnose.parameters",
+    "vlab.diagnose.model_kinds",
     "vlab.diagnose.problem",
     "vlab.diagnose.predictors",
     "vlab.diagnose.inference",

@@ -110,7 +110,7 @@ def test_effects_in_a_structure_explain_more_than_they_leave(after, stands):
     own = replace(finding("added-mass"), family=EFFECTS["added-mass"].family)
     attempt, of = Attempt(findings=(own,), checked=checked, fit=fit_of()), choice(added_mass=0.9)
     assert is_partial_explanation(attempt, of)
-    assert is_partial_explanation(attempt, of, is_structure=True) is stands
+    assert is_partial_explanation(attempt, of, has_mesh_error=True) is stands
 
 
 def test_another_error_of_a_refuted_model_is_as_likely_as_its_effect():

@@ -16,6 +16,7 @@ from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, errors_to_json
 from vlab.diagnose.findings import alternatives, by_what_they_explain
 from vlab.diagnose.inference.evidence import Found, Hypothesis
 from vlab.diagnose.inference.model_choice import choose_model
+from vlab.diagnose.model_kinds.mjcf_model import MjcfModel
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.search.attempt import best_attempt
@@ -150,15 +151,15 @@ def test_a_gap_that_a_refit_closes_is_none_that_a_finding_closes():
     """The stop is grazed: of what is better with it its removal takes away a tenth."""
     grazed = distance(nominal=0.072, calibrated=0.9, after=0.05, noise=0.046, bare=0.052, parts=(part(50.0, 0.052),))
     assert grazed.gap_closed > 0.8
-    assert not closes_gap([grazed], is_structure=False)
-    assert closes_gap([replace(grazed, bare=0.3, parts=(part(50.0, 0.3),))], is_structure=False)
+    assert not closes_gap([grazed], model_kind=MjcfModel())
+    assert closes_gap([replace(grazed, bare=0.3, parts=(part(50.0, 0.3),))], model_kind=MjcfModel())
 
 
 def verdict(checked, fitted, *, is_prior_driven=False, left=1.0):
     best = SimpleNamespace(terms=(1,), normalised_residual=left)
     choice = SimpleNamespace(best=best, gained=1.0, is_prior_driven=is_prior_driven)
     seen = SimpleNamespace(damage=SimpleNamespace(fatal=(), warnings=()), is_missing=False, steps=(), stops=())
-    return decide_verdict(choice, checked, seen, is_structure=False, fitted=lambda: fitted)
+    return decide_verdict(choice, checked, seen, model_kind=MjcfModel(), fitted=lambda: fitted)
 
 
 def test_what_no_recording_kept_aside_can_verify_is_not_reported_as_found():
@@ -174,9 +175,9 @@ def test_what_no_recording_kept_aside_can_verify_is_not_reported_as_found():
     assert (
         verdict([near], [distance(role="fit", after=0.39)]) == "none-of-these"
     )  # what the fit lacks, nothing explains
-    assert fit_note("none-of-these", [near], is_structure=False)
-    assert not fit_note("nothing-missing", [near], is_structure=False)
-    assert not fit_note("none-of-these", [distance()], is_structure=False)
+    assert fit_note("none-of-these", [near], model_kind=MjcfModel())
+    assert not fit_note("nothing-missing", [near], model_kind=MjcfModel())
+    assert not fit_note("none-of-these", [distance()], model_kind=MjcfModel())
     told = distance(bare=0.5, parts=(part(500.0, 0.5),))
     assert verdict([told, idle_note], fitted) == "missing-physics"  # the other one can
     assert verdict([told], fitted) == "missing-physics"
@@ -269,7 +270,7 @@ def test_an_attempt_stands_in_the_document_and_the_text_without_a_probability():
         fit=fit_of(),
     )
     choice = choose_model(Found(before=hypothesis(9.0), hypotheses=(hypothesis(3.0, "added-mass"),)))
-    tried = alternatives(choice, SimpleNamespace(case=SimpleNamespace(structure=1), places=()), "none-of-these", 9.0)
+    tried = alternatives(choice, SimpleNamespace(model_kind=MjcfModel(), places=()), "none-of-these", 9.0)
     shown = diagnosis("none-of-these", attempt=two, alternatives=tried)
     document = json.loads(json.dumps(shown.to_json(), allow_nan=False))["attempt"]
     assert "probability" not in keys(document)
@@ -317,7 +318,7 @@ def test_probabilities_are_printed_as_far_as_they_are_told():
     choice = choose_model(
         Found(before=hypothesis(9.0), hypotheses=(hypothesis(1.0, "added-mass"), hypothesis(8.0, "stop")))
     )
-    problem = SimpleNamespace(case=SimpleNamespace(structure=None), places=())
+    problem = SimpleNamespace(model_kind=MjcfModel(), places=())
     tried = alternatives(choice, problem, "missing-physics", 9.0)
     assert 0 < tried[0]["probability"] < 1e-6
     text = _text(diagnosis("missing-physics", findings=(finding(stiffness=4.0),), alternatives=tried))

@@ -79,7 +79,8 @@ def test_cables_stretch_where_recordings_show_it(tmp_path, plant):
     plan = PLAN.replace("[settings]", f'[settings]\nplant = "{plant}"').replace(
         "[model]", '[model]\nplant = "composite"'
     )
-    given = with_modes_of_fe(run_of(plan, tmp_path))
+    given = run_of(plan, tmp_path)
+    given = with_modes_of_fe(given, given.structure)
     model_class = choose_model_class(given)
     case = model_class.problem.case
     assert model_class.notes == ((UNSTRETCHED,) if plant == "modal" else ())
@@ -89,7 +90,7 @@ def test_cables_stretch_where_recordings_show_it(tmp_path, plant):
 
 def test_soft_cables_leave_the_modes_and_take_the_stretching(tmp_path):
     given = run_of(PLAN.replace("seconds = 6.0\nperiod_s = 6.0", "seconds = 0.5\nperiod_s = 0.5"), tmp_path)
-    soft = with_soft_cables(given)
+    soft = with_soft_cables(given, given.structure)
     omega, tightened = [], []
     for case in (given, soft):
         linear, row = case.plant.linearise(), case.plant.port_rows(["base"])[0]

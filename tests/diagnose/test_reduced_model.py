@@ -8,7 +8,6 @@ from rigs import oscillator_case
 from scipy import linalg
 
 from vlab.cases import load_case, simulate
-from vlab.diagnose.parameters.mesh_correction import with_modes_of_fe
 from vlab.diagnose.parameters.mjcf import adjusted
 from vlab.diagnose.parameters.mode_selection import as_stepped
 from vlab.diagnose.parameters.observation import channel_rows
@@ -16,6 +15,7 @@ from vlab.diagnose.parameters.recorded_runs import read_runs
 from vlab.diagnose.parameters.reduced_model import discretise
 from vlab.diagnose.parameters.structure import adjusted_structure
 from vlab.diagnose.predictors.modal_problem import prepare
+from vlab.diagnose.problem import model_kind_of
 from vlab.diagnose.settings import STRUCTURE_PRIORS
 from vlab.errors import BadCase
 from vlab.fe import build_fe_model
@@ -52,6 +52,11 @@ NESTED = """<mujoco><option timestep="0.002" integrator="implicitfast" gravity="
 <body name="a"><joint name="a" type="slide" axis="1 0 0" stiffness="900" damping="3"/><geom size="0.1" mass="1"/>
 <body name="b"><joint name="b" type="slide" axis="1 0 0" stiffness="600" damping="2"/><geom size="0.1" mass="0.5"/></body>
 </body></worldbody></mujoco>"""
+
+
+def corrected(case):
+    """Return a case with the modes of the FE model, if it has a coarse mesh."""
+    return model_kind_of(case).with_corrected_mesh(case)
 
 
 def integrated(problem, signals):
@@ -180,7 +185,7 @@ def test_the_uncertainty_of_a_structure_is_what_a_rebuilt_plant_has(beam, tmp_pa
     write_recording(run_experiment(experiment).recording, tmp_path / "run.parquet")
     (tmp_path / "case.toml").write_text(BEAM_CASE.format(plant="composite", kind="excitation"))
     case = load_case(tmp_path)
-    problem = prepare(with_modes_of_fe(case) if of_fe else case)
+    problem = prepare(corrected(case) if of_fe else case)
     reduced_model = problem.reduced_model
     theta = 0.5 * reduced_model.prior * np.resize([1.0, -1.0, 1.0, 1.0, -1.0], len(reduced_model.prior))
     theta[[c.actuator is not None or c.sensor is not None for c in reduced_model.changes]] = 0.0
@@ -203,7 +208,7 @@ def test_what_is_fitted_on_the_twin_has_its_frequencies_in_the_rebuilt_plant(bea
     experiment = Experiment(plant=build_plant(beam), seconds=1.0, excitation=Multisine(level=0.05), excite="base")
     write_recording(run_experiment(experiment).recording, tmp_path / "run.parquet")
     (tmp_path / "case.toml").write_text(BEAM_CASE.format(plant="composite", kind="excitation"))
-    problem = prepare(with_modes_of_fe(load_case(tmp_path)))
+    problem = prepare(corrected(load_case(tmp_path)))
     reduced_model, step = problem.reduced_model, problem.plant.timestep
     theta = reduced_model.prior * np.resize([1.0, -1.0, 1.0, 1.0, -1.0], len(reduced_model.prior))
     M, _, K = (part[0] for part in reduced_model.matrices(theta[None])[:3])
@@ -226,7 +231,7 @@ def test_sensors_beside_their_points_read_what_a_rebuilt_plant_reads(beam, tmp_p
     experiment = Experiment(plant=build_plant(beam), seconds=1.0, excitation=Multisine(level=0.05), excite="base")
     write_recording(run_experiment(experiment).recording, tmp_path / "run.parquet")
     (tmp_path / "case.toml").write_text(BEAM_CASE.format(plant="composite", kind="excitation"))
-    problem = prepare(with_modes_of_fe(load_case(tmp_path)))
+    problem = prepare(corrected(load_case(tmp_path)))
     reduced_model, theta = problem.reduced_model, np.zeros(len(problem.parameters))
     places = [i for i, p in enumerate(problem.parameters) if p.kind == "place"]
     assert len(places) == len(reduced_model.shifts) > 0
@@ -252,7 +257,7 @@ def test_only_a_coarse_mesh_gets_the_modes_of_the_fe_model(beam, tmp_path, short
     for plant in ("composite", "modal"):
         (tmp_path / "case.toml").write_text(BEAM_CASE.format(plant=plant, kind="excitation"))
         case = load_case(tmp_path)
-        meshed = with_modes_of_fe(case)
+        meshed = corrected(case)
         assert (meshed is case) == (plant == "modal")
         if plant == "composite":
             top = 2 * read_runs(case, ("fit",)).highest_hz
@@ -262,9 +267,9 @@ def test_only_a_coarse_mesh_gets_the_modes_of_the_fe_model(beam, tmp_path, short
             own = {p.name: p.sd for p in prepare(meshed).parameters if p.kind == "frequency"}
             assert len(own) == np.sum(freq <= 0.55 * top)  # 1.1 times the highest frequency recorded
             assert set(own.values()) == {STRUCTURE_PRIORS.of_fe_sd}
-            assert with_modes_of_fe(meshed) is meshed
+            assert corrected(meshed) is meshed
     rig = short()
-    assert with_modes_of_fe(rig) is rig
+    assert corrected(rig) is rig
 
 
 @pytest.mark.slow

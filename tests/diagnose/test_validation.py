@@ -15,6 +15,8 @@ from vlab import signals
 from vlab.cases import load_case, simulate
 from vlab.diagnose.data.quality import DataQuality
 from vlab.diagnose.inference.sensor_offset import explained_sensor_offsets
+from vlab.diagnose.model_kinds.meshed_structure import MeshedStructure
+from vlab.diagnose.model_kinds.mjcf_model import MjcfModel
 from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import gap_closed, total
@@ -31,6 +33,10 @@ from vlab.files.assets import asset
 from vlab.parallel import side_by_side
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS, effect_named
+from vlab.structure import load_structure
+
+BEAM = MeshedStructure(structure=load_structure("beam"), variant="physical")
+"""Model with mesh error."""
 
 
 @pytest.mark.parametrize(
@@ -135,7 +141,7 @@ def test_a_residual_with_bursts_is_not_said_to_be_noise_alone(has_bursts):
         run=SimpleNamespace(measured=recorded),
         simulated=(simulated,) * 3,
     )
-    (note,) = coloured_noise_note("nothing-missing", [one], is_structure=False)
+    (note,) = coloured_noise_note("nothing-missing", [one], model_kind=MjcfModel())
     assert ("bursts" in note) is has_bursts
 
 
@@ -208,9 +214,9 @@ def test_steps_are_compared_over_the_same_parts(tmp_path):
 
 
 def test_what_loses_a_recording_explains_nothing_however_far_off_the_other_model_is():
-    assert closes_gap(checked(np.inf, 0.02), is_structure=False)
-    assert not closes_gap(checked(np.inf, 40.0), is_structure=False)
-    assert not closes_gap(checked(100.0, 2.0), is_structure=False)  # 98 % of a gap
+    assert closes_gap(checked(np.inf, 0.02), model_kind=MjcfModel())
+    assert not closes_gap(checked(np.inf, 40.0), model_kind=MjcfModel())
+    assert not closes_gap(checked(100.0, 2.0), model_kind=MjcfModel())  # 98 % of a gap
 
 
 def test_what_priors_ask_for_is_needed_while_recordings_kept_aside_are_no_worse_with_it():
@@ -218,27 +224,25 @@ def test_what_priors_ask_for_is_needed_while_recordings_kept_aside_are_no_worse_
         return SimpleNamespace(gained=gained, is_prior_driven=of_priors)
 
     same, worse, better = (checked(0.02, after, noise=0.019) for after in (0.0201, 0.022, 0.0195))
-    assert is_needed(choice(3.0, True), same, is_structure=False)
-    assert not is_needed(choice(3.0, True), worse, is_structure=False)
-    assert not is_needed(choice(-1.0, True), same, is_structure=False)
+    assert is_needed(choice(3.0, True), same, model_kind=MjcfModel())
+    assert not is_needed(choice(3.0, True), worse, model_kind=MjcfModel())
+    assert not is_needed(choice(-1.0, True), same, model_kind=MjcfModel())
     alike = checked(0.00104, 0.00119, noise=0.00066)  # within the model error to which fits converge
-    assert is_needed(choice(20.0, True), alike, is_structure=False)
-    assert not is_needed(choice(20.0, False), alike, is_structure=False)
-    assert is_needed(choice(3.0, False), better, is_structure=False)
-    assert not is_needed(choice(3.0, False), same, is_structure=False)
+    assert is_needed(choice(20.0, True), alike, model_kind=MjcfModel())
+    assert not is_needed(choice(20.0, False), alike, model_kind=MjcfModel())
+    assert is_needed(choice(3.0, False), better, model_kind=MjcfModel())
+    assert not is_needed(choice(3.0, False), same, model_kind=MjcfModel())
     assert not is_needed(
-        choice(3.0, False), checked(0.04, 0.03, noise=0.019), is_structure=False
+        choice(3.0, False), checked(0.04, 0.03, noise=0.019), model_kind=MjcfModel()
     )  # a gap, for `closes_gap`
 
 
 def test_what_a_mesh_leaves_is_no_gap_but_much_of_it_gone_is_a_finding():
     choice = SimpleNamespace(gained=3.0, is_prior_driven=False)
-    assert is_needed(choice, checked(0.0028, 0.0022, noise=0.0016), is_structure=True)
-    assert not is_needed(choice, checked(0.0028, 0.0027, noise=0.0016), is_structure=True)
-    assert is_needed(
-        choice, checked(0.0067, 0.0062, noise=0.0060), is_structure=True
-    )  # beside the noise a half is gone
-    assert not is_needed(choice, checked(0.0060, 0.0050, noise=0.0016), is_structure=True)
+    assert is_needed(choice, checked(0.0028, 0.0022, noise=0.0016), model_kind=BEAM)
+    assert not is_needed(choice, checked(0.0028, 0.0027, noise=0.0016), model_kind=BEAM)
+    assert is_needed(choice, checked(0.0067, 0.0062, noise=0.0060), model_kind=BEAM)  # beside the noise a half is gone
+    assert not is_needed(choice, checked(0.0060, 0.0050, noise=0.0016), model_kind=BEAM)
 
 
 def test_a_residual_within_mesh_error_shows_no_linear_element():
@@ -249,7 +253,7 @@ def test_a_residual_within_mesh_error_shows_no_linear_element():
         choice = SimpleNamespace(
             gained=30.0, is_prior_driven=False, best=SimpleNamespace(terms=(term,), normalised_residual=1.0)
         )
-        return decide_verdict(choice, checked(before, after, noise=0.0082), seen, is_structure=True)
+        return decide_verdict(choice, checked(before, after, noise=0.0082), seen, model_kind=BEAM)
 
     assert verdict("stiffness-to-ground", 0.0121, 0.0090) == "nothing-missing"
     assert verdict("cubic-stiffness", 0.0121, 0.0090) == "missing-physics"  # a mesh is linear
@@ -277,7 +281,7 @@ def test_damage_decides_where_no_mismatch_precedes_it(first, verdict):
     choice = SimpleNamespace(
         gained=-1.0, is_prior_driven=False, best=SimpleNamespace(terms=(), normalised_residual=30.0)
     )
-    assert decide_verdict(choice, [one], seen, is_structure=False, is_plausible=False) == verdict
+    assert decide_verdict(choice, [one], seen, model_kind=MjcfModel(), is_plausible=False) == verdict
 
 
 def test_the_zero_that_an_effect_names_is_no_zero_of_the_refit():
@@ -362,14 +366,14 @@ def test_hidden_effects_are_found_verified_and_sized(tmp_path, effect):
 
 
 def test_what_an_amended_model_leaves_is_said():
-    (line,) = residual_note("missing-physics", checked(0.5, 0.12), is_structure=False)
+    (line,) = residual_note("missing-physics", checked(0.5, 0.12), model_kind=MjcfModel())
     assert "12 times the noise" in line
-    assert not residual_note("missing-physics", checked(0.5, 0.012), is_structure=False)
-    assert not residual_note("none-of-these", checked(0.5, 0.5), is_structure=False)
+    assert not residual_note("missing-physics", checked(0.5, 0.012), model_kind=MjcfModel())
+    assert not residual_note("none-of-these", checked(0.5, 0.5), model_kind=MjcfModel())
 
 
 def test_a_channel_that_is_lost_is_no_gap_closed():
     one, _ = checked(200.0, 0.9)
-    assert closes_gap([one], is_structure=False)
+    assert closes_gap([one], model_kind=MjcfModel())
     lost = dataclasses.replace(one, channels={"a": (300.0, 200.0, 0.4, 0.01), "b": (300.0, 200.0, 1.2, 0.01)})
-    assert not closes_gap([lost], is_structure=False)
+    assert not closes_gap([lost], model_kind=MjcfModel())

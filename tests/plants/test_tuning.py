@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from vlab.diagnose.export import structure_toml
+from vlab.diagnose.model_kinds.structure_file import structure_toml
 from vlab.errors import BadStructure
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes

@@ -19,6 +19,7 @@ from vlab.cases import load_case
 from vlab.cases.compare import compare_case
 from vlab.diagnose import export as amended_model
 from vlab.diagnose.diagnosis import Attempt
+from vlab.diagnose.model_kinds.structure_file import structure_toml
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.predictors.modal_problem import prepare
@@ -301,7 +302,7 @@ def test_places_of_a_structure_are_its_points():
 @pytest.mark.parametrize("name", ["beam", "grid"])
 def test_a_structure_file_reads_back_to_the_same_structure(name, tmp_path):
     structure = load_structure(name)
-    (tmp_path / "s.toml").write_text(amended_model.structure_toml(structure))
+    (tmp_path / "s.toml").write_text(structure_toml(structure))
     assert load_structure(tmp_path / "s.toml") == structure
 
 

@@ -1,7 +1,6 @@
 """Export of the extended model with its case."""
 
 import copy
-import dataclasses
 import math
 import shutil
 from collections.abc import Mapping, Sequence
@@ -17,23 +16,22 @@ from vlab.cases.case import Case, load_case
 from vlab.cases.clock import plan_clock
 from vlab.cases.compare import compare_run
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
-from vlab.diagnose.parameters.structure import edited
+from vlab.diagnose.model_kinds.model_kind import CalibratedModel
 from vlab.diagnose.pipeline import Diagnosed
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
 from vlab.diagnose.settings import EXPORT
 from vlab.diagnose.validation.frequency import checked_again
 from vlab.errors import BadExperiment, OutputRefused, VlabError
-from vlab.files.toml_writer import Verbatim, toml_text, toml_value
+from vlab.files.toml_writer import toml_text
 from vlab.physics.attach import Attached, written
 from vlab.physics.catalogue import effect_named
 from vlab.plants.base import Plant
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array
 from vlab.standalone.answer import FOLDER, StandaloneAnswer, write_answer
-from vlab.structure.model import Structure
 
-MODEL, CASE, STRUCTURE = "amended.xml", "amended.toml", "amended-structure.toml"
-"""Names of the written files."""
+CASE = "amended.toml"
+"""Name of the written case."""
 RECORDINGS = "recordings"
 """Folder of the copied recordings."""
 Done = Diagnosed | FrequencyDiagnosed
@@ -98,19 +96,10 @@ def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
     raw = copy.deepcopy(dict(case.raw))
     earlier = _earlier(done, raw)
     try:
-        if case.structure is None:
-            left = _write_mjcf(done, effects, theta, folder)
-            raw["model"]["mjcf"], files = MODEL, [MODEL]
-        else:
-            left = effects
-            content = structure_toml(edited(case.structure, done.problem.parameters, _for_plant(done, theta)))
-            (folder / STRUCTURE).write_text(content, encoding="utf-8")
-            raw["model"]["structure"], files = STRUCTURE, [STRUCTURE]
-            if case.table.model.hardware:
-                shutil.copyfile(case.folder / case.table.model.hardware, folder / Path(case.table.model.hardware).name)
-                raw["model"]["hardware"] = Path(case.table.model.hardware).name
+        model = done.problem.model_kind.write(_calibrated_model(done, effects, theta), effects, folder)
+        raw["model"].update(model.entries)
         further = [*_calibrated(done, theta, found), *_ranges(done)]
-        tables = [*earlier, *left, *further]
+        tables = [*earlier, *model.beside, *further]
         for given, table in zip(raw.get("recording", ()), case.table.recording, strict=True):
             for channel, known in zip(given["channel"], table.channel, strict=True):
                 channel.update({"offset": known.offset} if known.offset else {})
@@ -132,7 +121,7 @@ def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:
     plain, plain_note = _for_mujoco(done, [*effects, *further], earlier, theta, folder) if found else (None, "")
     reported = done.diagnosis.heldout["nrmse_after" if found else "nrmse_refitted"]
     return ExtendedModelFiles(
-        files=(*files, CASE),
+        files=(model.file, CASE),
         tables=tuple(e.label for e in tables),
         nrmse=nrmse,
         reported=math.nan if reported is None else float(reported),
@@ -147,9 +136,10 @@ def _for_mujoco(
 ) -> tuple[StandaloneAnswer | None, str]:
     """Write the answer for plain MuJoCo, or return the failure's reason."""
     case = done.problem.case
-    plant = _calibrated_plant(done, effects, theta)
-    if case.structure is not None or not isinstance(plant, MjcfPlant):
+    if not done.problem.model_kind.has_mjcf_file:
         return None, ""
+    plant = _calibrated_plant(done, effects, theta)
+    assert isinstance(plant, MjcfPlant)
     source = case.folder / case.table.model.mjcf
     if not source.is_file():
         return None, "the model was given without a file"
@@ -175,9 +165,11 @@ def _for_mujoco(
     return answer, ""
 
 
-def _for_plant(done: Done, theta: Array) -> Array:
-    """Return log factors for a structure's plant, by `Problem.for_plant`."""
-    return theta if isinstance(done.problem, FrequencyProblem) else done.problem.for_plant(theta)
+def _calibrated_model(done: Done, effects: Sequence[Attached], theta: Array) -> CalibratedModel:
+    """Return the calibrated model for its file."""
+    problem, plant = done.problem, _calibrated_plant(done, effects, theta)
+    own = problem.model_kind.for_plant(problem.reduced_model, problem.plant, problem.parameters, theta)
+    return CalibratedModel(case=problem.case, plant=plant, parameters=problem.parameters, theta=own)
 
 
 def _earlier(done: Done, raw: Mapping[str, Any]) -> list[Attached]:
@@ -187,31 +179,7 @@ def _earlier(done: Done, raw: Mapping[str, Any]) -> list[Attached]:
         Attached(effect=effect_named(e["name"], code=()), place=e["place"], values=e["parameters"])
         for e in raw["model"].get("effect", ())
     ]
-    return [e for e in given if done.problem.case.structure is not None or (e.effect.name, dict(e.values)) in at_work]
-
-
-def _write_mjcf(done: Done, effects: Sequence[Attached], theta: Array, folder: Path) -> list[Attached]:
-    plant = _calibrated_plant(done, effects, theta)
-    spec, left = written(plant, effects)
-    (folder / MODEL).write_text(spec.to_xml(), encoding="utf-8")
-    assert isinstance(plant, MjcfPlant)
-    source = (done.problem.case.folder / done.problem.case.table.model.mjcf).parent
-    for kind, directory in (
-        ("meshes", spec.meshdir),
-        ("hfields", spec.meshdir),
-        ("skins", spec.meshdir),
-        ("textures", spec.texturedir),
-    ):
-        for element in getattr(spec, kind):
-            names = [element.file, *getattr(element, "cubefiles", ())]
-            for name in (Path(directory) / n for n in names if n):
-                (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                in_memory = spec.assets.get(str(name), spec.assets.get(name.name))
-                if in_memory is None:
-                    shutil.copyfile(source / name, folder / name)
-                else:
-                    (folder / name).write_bytes(in_memory)
-    return left
+    return [e for e in given if (e.effect.name, dict(e.values)) in at_work]
 
 
 def native_model(done: Done) -> Any:
@@ -234,7 +202,7 @@ def native_model(done: Done) -> Any:
     BadExperiment
         A finding has no MuJoCo element, or the model is a structure.
     """
-    if done.problem.case.structure is not None:
+    if not done.problem.model_kind.has_mjcf_file:
         raise BadExperiment(
             "the extended model of a structure is a structure file, not an MjModel; write it with Diagnosis.save(folder)"
         )
@@ -267,7 +235,7 @@ def _calibrated_plant(done: Done, effects: Sequence[Attached], theta: Array) -> 
 def _calibrated(done: Done, theta: Array, found: bool) -> list[Attached]:
     """Return calibrated gains and offsets as effects."""
     out, problem = [], done.problem
-    if problem.case.structure is not None:  # an MJCF holds them as actuator gains
+    if not problem.model_kind.holds_actuator_gains:
         for parameter, value in zip(problem.parameters, theta, strict=True):
             index = parameter.actuator
             if index is not None and index < len(problem.plant.actuators) and abs(value) > EXPORT.least:
@@ -387,34 +355,3 @@ def _run_again(done: Done, folder: Path) -> tuple[float | None, str]:
         return None, str(error)
     squares = [np.mean([m.nrmse**2 for m in run.misfits]) for run in runs]
     return float(np.sqrt(np.mean(squares))), ""
-
-
-# ---- TOML -----------------------------------------------------------------------------------------------------------
-
-
-def structure_toml(structure: Structure) -> str:
-    """Return a structure as the text of its file."""
-    return toml_text(_table(structure))
-
-
-_ORIGIN = {"origin": "identified", "source": "the nominal model, calibrated on the recordings of the diagnosis"}
-
-
-def _table(part: Any) -> dict[str, Any]:
-    out: dict[str, Any] = {}
-    for field in dataclasses.fields(part):
-        value = getattr(part, field.name)
-        if not field.init or value is None or (isinstance(value, (tuple, dict)) and not value):
-            continue
-        if "si" in field.metadata:
-            numbers = list(value) if isinstance(value, tuple) else value
-            out[field.name] = Verbatim(toml_value({"value": numbers, "unit": field.metadata["si"], **_ORIGIN}))
-        elif dataclasses.is_dataclass(value):
-            out[field.name] = _table(value)
-        elif isinstance(value, Mapping):
-            out[field.name] = {k: _table(v) for k, v in value.items()}
-        elif isinstance(value, tuple) and dataclasses.is_dataclass(value[0]):
-            out[field.name] = [_table(v) for v in value]
-        else:
-            out[field.name] = list(value) if isinstance(value, tuple) else value
-    return out

@@ -6,13 +6,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from vlab.cases.case import Case
 from vlab.cases.channel_map import Run
 from vlab.diagnose.diagnosis import NAMING, Finding, Verdict
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.inference.parameter_vector import is_logarithm
-from vlab.diagnose.parameters.locations import Place, reported_name
+from vlab.diagnose.model_kinds.model_kind import ModelKind
+from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.settings import FINDINGS
 from vlab.diagnose.validation.gap import Distance
@@ -28,8 +28,8 @@ class Reportable(Protocol):
     """Parts of an inverse problem that name findings."""
 
     @property
-    def case(self) -> Case:
-        """Case."""
+    def model_kind(self) -> ModelKind:
+        """Kind of the nominal model."""
 
     @property
     def plant(self) -> Plant:
@@ -274,9 +274,8 @@ def place_of(name: str, effect: Effect, problem: Reportable) -> str:
     if effect.picks_up:
         sensors = [p.name for p in problem.places if p.kind == "sensor"]
         name = next((sensor for sensor in sensors if name.startswith(f"{sensor}/")), name)
-    if problem.case.structure is None:
-        return name
-    return reported_name(name, effect, len([p for p in problem.places if p.kind == "actuator" and not p.also]))
+    driven = len([p for p in problem.places if p.kind == "actuator" and not p.also])
+    return problem.model_kind.reported_place(name, effect, driven)
 
 
 def _instead(hypothesis: Hypothesis, fit: Fit, i: int) -> list[str]:

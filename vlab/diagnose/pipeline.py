@@ -27,11 +27,10 @@ from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.inference.sensor_offset import find_sensor_offsets
 from vlab.diagnose.parameters.holdout import HoldOut, moves, read_holdout
 from vlab.diagnose.parameters.locations import check_candidates, limited
-from vlab.diagnose.parameters.mesh_correction import with_modes_of_fe
 from vlab.diagnose.parameters.shared_numbers import with_whole_gains
 from vlab.diagnose.parameters.static_offset import StaticOffset, remove_static_offsets
 from vlab.diagnose.parameters.terms import Fit
-from vlab.diagnose.problem import Problem
+from vlab.diagnose.problem import Problem, model_kind_of
 from vlab.diagnose.search.ablation import wrong_offsets
 from vlab.diagnose.search.alternative_conventions import choose_convention
 from vlab.diagnose.search.attempt import Trials, best_attempt, is_better_table, without_useless
@@ -169,11 +168,6 @@ class _Searched:
         return self.model_class.problem
 
     @property
-    def is_structure(self) -> bool:
-        """Whether mesh error counts as model error."""
-        return self.problem.case.structure is not None
-
-    @property
     def runs(self) -> list[Run]:
         """Recordings of the verdict."""
         return list(self.holdout.runs) or [run for run in self.problem.runs if moves(run)]
@@ -238,7 +232,8 @@ class _Pass:
     def run(self) -> Diagnosed | RejectedCase:
         """Return the diagnosis, after further passes where this one shows other conventions or steps."""
         self.report(0.0, "reading")
-        case, static_offsets = remove_static_offsets(with_modes_of_fe(self.whole_case))
+        meshed = model_kind_of(self.whole_case).with_corrected_mesh(self.whole_case)
+        case, static_offsets = remove_static_offsets(meshed)
         file = check_recordings(case) if self.checked_file is None else self.checked_file
         if file.of("fatal"):
             return reject_case(self.whole_case, file, time.monotonic() - self.began)
@@ -314,7 +309,7 @@ class _Pass:
 
     def _confirm(self, searched: _Searched) -> _Judged:
         """Return the confirmed choice with its models, without a verdict."""
-        problem, found, is_structure = searched.problem, searched.found, searched.is_structure
+        problem, found = searched.problem, searched.found
         confirmation = Confirmation(
             problem=problem,
             whole=found.whole,
@@ -331,8 +326,8 @@ class _Pass:
         after, without = (seen.on(extended(problem, own)) for own in (fit, fit_before))
         if seen.is_missing and fit.terms:
             on_fitted = check(problem.runs, without, after, horizon_s=problem.horizon_s)
-            is_explained = closes_gap(on_fitted, is_structure=is_structure)
-            if not (is_explained or is_needed(confirmed.choice, on_fitted, is_structure=is_structure)):
+            is_explained = closes_gap(on_fitted, model_kind=problem.model_kind)
+            if not (is_explained or is_needed(confirmed.choice, on_fitted, model_kind=problem.model_kind)):
                 fit, after = fit_before, without  # the findings from the data alone explain the recordings
         return _Judged(confirmed=confirmed, seen=seen, before=before, after=after, fit=fit)
 
@@ -347,7 +342,7 @@ class _Pass:
             return findings_of_terms(judged.choice, fit, problem)
 
         is_plausible = is_plausible_beside_noise(judged.confirmed.before)
-        decide = partial(decide_verdict, judged.choice, is_structure=searched.is_structure, is_plausible=is_plausible)
+        decide = partial(decide_verdict, judged.choice, model_kind=problem.model_kind, is_plausible=is_plausible)
 
         def verdict_on(trials: Trials, tried: Attempt) -> Verdict:
             fitted = partial(_on_fit_runs, trials, tried.fit, terms_of(tried.fit))
@@ -370,7 +365,7 @@ class _Pass:
             verdict = verdict_on(trials, tried)
             if tried.fit is not fit:
                 judged = replace(judged, fit=tried.fit, after=seen.on(extended(problem, tried.fit)))
-        may_be_coarse = verdict == "none-of-these" and not searched.is_structure
+        may_be_coarse = verdict == "none-of-these" and problem.model_kind.has_stated_time_step
         if may_be_coarse and (coarse := coarse_steps(judged.before, searched.runs, problem.horizon_s)):
             finer = trials.with_change(with_finer_steps)
             again = finer.of(tried.fit, terms_of(tried.fit))
@@ -391,7 +386,8 @@ class _Pass:
         """Return a partial explanation where an attempt is one, otherwise the best attempt."""
         assert judged.tried is not None
         others = (h for h in searched.found.hypotheses if h.label != judged.choice.best.label)
-        is_partial = partial(is_partial_explanation, choice=judged.choice, is_structure=searched.is_structure)
+        has_mesh_error = searched.problem.model_kind.has_mesh_error
+        is_partial = partial(is_partial_explanation, choice=judged.choice, has_mesh_error=has_mesh_error)
         attempt = best_attempt(judged.tried, (trials.of_hypothesis(h, self.effects) for h in others), is_partial)
         if attempt is None or not is_partial(attempt):
             return replace(judged, attempt=attempt)
@@ -408,11 +404,11 @@ class _Pass:
     def _diagnosed(self, searched: _Searched, judged: _Judged) -> Diagnosed:
         """Return the diagnosis with its models."""
         assert judged.tried is not None
-        problem, choice, verdict, is_structure = searched.problem, judged.choice, judged.verdict, searched.is_structure
+        problem, choice, verdict = searched.problem, judged.choice, judged.verdict
         checked, after, fit = list(judged.tried.checked), judged.after, judged.fit
         findings: Sequence[Finding] = ()
         is_aliased = choice.is_prior_driven and not has_plausible_parameters(judged.confirmed.before)
-        if verdict == "missing-physics" and is_aliased and not closes_gap(checked, is_structure=is_structure):
+        if verdict == "missing-physics" and is_aliased and not closes_gap(checked, model_kind=problem.model_kind):
             checked = [c.against_nominal() for c in checked]
         if verdict in NAMING:
             findings = by_what_they_explain(judged.tried.findings, checked)
@@ -440,7 +436,7 @@ class _Pass:
             quality=seen.quality_lines(is_named=verdict in NAMING),
             notes=self._notes(searched, judged, checked),
             calibration={p.name: float(v) for p, v in zip(problem.parameters, fit.theta, strict=True) if abs(v) > 1e-6},
-            residual_is_small=is_within_noise(checked, is_structure=is_structure),
+            residual_is_small=is_within_noise(checked, model_kind=problem.model_kind),
             seconds=time.monotonic() - self.began,
         )
         self.report(1.0, "done")
@@ -465,13 +461,13 @@ class _Pass:
 
     def _notes(self, searched: _Searched, judged: _Judged, checked: Sequence[Checked]) -> tuple[str, ...]:
         """Return the notes of a diagnosis."""
-        verdict, is_structure, attempt = judged.verdict, searched.is_structure, judged.attempt
+        verdict, model_kind, attempt = judged.verdict, searched.problem.model_kind, judged.attempt
         assert judged.tried is not None
         idle = judged.tried.checked if verdict in NAMING else attempt.checked if attempt else ()
         return (
-            *residual_note(verdict, checked, is_structure=is_structure),
-            *coloured_noise_note(verdict, checked, is_structure=is_structure),
-            *fit_note(verdict, checked, is_structure=is_structure),
+            *residual_note(verdict, checked, model_kind=model_kind),
+            *coloured_noise_note(verdict, checked, model_kind=model_kind),
+            *fit_note(verdict, checked, model_kind=model_kind),
             *notes_on_models(checked),
             *idle_note(idle),
             *judged.notes,

@@ -10,21 +10,26 @@ from vlab.cases.case import Case
 from vlab.cases.channel_map import Compared, Run
 from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.model_kinds.meshed_structure import MeshedStructure
+from vlab.diagnose.model_kinds.mjcf_model import MjcfModel
+from vlab.diagnose.model_kinds.model_kind import ModelKind
 from vlab.diagnose.parameters.known_effects import known_terms, unsearched
 from vlab.diagnose.parameters.locations import Place
-from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, common_scale, redundant
+from vlab.diagnose.parameters.mjcf import Uncertain, redundant
 from vlab.diagnose.parameters.recorded_runs import short_notes
 from vlab.diagnose.parameters.reduced_model import ReducedModel
-from vlab.diagnose.parameters.structure import adjusted_structure
-from vlab.diagnose.parameters.structure_sensitivity import (
-    common_scale_of_structure,
-    frequencies_of_reduced_model,
-)
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.parameters.unused_entries import unused
 from vlab.diagnose.settings import PROBLEM
 from vlab.plants.base import Plant
 from vlab.signals import Array
+
+
+def model_kind_of(case: Case) -> ModelKind:
+    """Return the kind of a case's nominal model."""
+    if case.structure is None:
+        return MjcfModel()
+    return MeshedStructure(structure=case.structure, variant=case.table.model.variant)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,10 +100,10 @@ class Problem:
         """Simulation error in the weights over a channel's rms."""
         return PROBLEM.model_error
 
-    @property
-    def own_error(self) -> float:
-        """Least relative residual of a complete model."""
-        return PROBLEM.integration_error if self.case.structure is None else PROBLEM.model_error
+    @cached_property
+    def model_kind(self) -> ModelKind:
+        """Kind of the nominal model."""
+        return model_kind_of(self.case)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -167,11 +172,7 @@ class Problem:
     def common_scale(self) -> Array | None:
         """Log factors that scale all impedances and gains, or None."""
         loaded = any(drive.port for run in self.runs for drive in run.drives)
-        if self.case.structure is None:
-            return common_scale(self.plant, self.parameters, loaded=loaded)
-        return common_scale_of_structure(
-            self.case.structure, self.case.table.model.variant, self.parameters, loaded=loaded
-        )
+        return self.model_kind.common_scale(self.plant, self.parameters, loaded=loaded)
 
     @cached_property
     def redundant(self) -> Array:
@@ -180,9 +181,7 @@ class Problem:
 
     def adjusted(self, theta: Array) -> Plant:
         """Return the plant at given log factors."""
-        if self.case.structure is None:
-            return adjusted(self.plant, self.parameters, theta)
-        return self._rebuilt(self.for_plant(theta))
+        return self.model_kind.adjusted(self.plant, self.parameters, self.for_plant(theta))
 
     def for_plant(self, theta: Array) -> Array:
         """Return log factors that reproduce the reduced model's frequencies.
@@ -200,17 +199,7 @@ class Problem:
         (n_parameters,) array
             Log factors for a rebuilt plant.
         """
-        if self.case.structure is None or not any(p.kind == "frequency" for p in self.parameters):
-            return theta
-        return frequencies_of_reduced_model(
-            self.reduced_model, self._rebuilt(theta), self.case.structure, self.parameters, theta
-        )
-
-    def _rebuilt(self, theta: Array) -> Plant:
-        assert self.case.structure is not None
-        return adjusted_structure(
-            self.case.structure, self.plant, self.case.table.model.variant, self.parameters, theta
-        )
+        return self.model_kind.for_plant(self.reduced_model, self.plant, self.parameters, theta)
 
     def in_role(self, role: str) -> list[Signals]:
         """Return the runs of one role."""

@@ -10,6 +10,7 @@ from vlab.diagnose.data.quality import DataQuality
 from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.diagnosis import NAMING, Attempt, Verdict
 from vlab.diagnose.inference.model_choice import Choice
+from vlab.diagnose.model_kinds.model_kind import ModelKind
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.settings import EVIDENCE, GAP, MODEL_CHOICE, PROBLEM, VERDICT
 from vlab.diagnose.validation.checked import Checked
@@ -22,7 +23,7 @@ def errors_of(checked: Sequence[Checked]) -> dict[str, float]:
     return {key: total(checked, key) for key in ("before", "after", "noise")}
 
 
-def closes_gap(checked: Sequence[Checked], *, is_structure: bool) -> bool:
+def closes_gap(checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
     """Return whether the findings close enough of the gap.
 
     The criterion is the gap over all recordings. Alternatively most recordings must be nearly closed and every
@@ -33,8 +34,8 @@ def closes_gap(checked: Sequence[Checked], *, is_structure: bool) -> bool:
     ----------
     checked : sequence of Checked
         Errors on recordings.
-    is_structure : bool
-        Whether mesh error counts as model error.
+    model_kind : ModelKind
+        Kind of the nominal model.
 
     Returns
     -------
@@ -48,7 +49,7 @@ def closes_gap(checked: Sequence[Checked], *, is_structure: bool) -> bool:
         return True
     errors = {**errors_of(tests), "start": total(tests, "start")}
     gap = gap_closed(errors["start"], errors["after"], errors["noise"])
-    reachable = float(np.hypot(errors["noise"], PROBLEM.mesh_own_error if is_structure else PROBLEM.model_error))
+    reachable = float(np.hypot(errors["noise"], model_kind.holdout_error))
     share = gap_closed(errors["start"], errors["after"], reachable)
     least = VERDICT.least_near_noise if errors["after"] <= VERDICT.near_noise * errors["noise"] else VERDICT.least_gap
     return gap is not None and gap >= VERDICT.least_to_noise and max(gap, share or 0.0) >= least
@@ -60,13 +61,13 @@ def _is_nearly_closed_in_most(tests: Sequence[Checked]) -> bool:
     return bool(len(gaps) > 2 and np.median(gaps) >= VERDICT.nearly_all and min(gaps) >= VERDICT.least_to_noise)
 
 
-def _is_complete(checked: Sequence[Checked], *, is_structure: bool) -> bool:
+def _is_complete(checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
     """Return whether the residual is within noise and model error, or the gap nearly closed."""
     tests = verifying(checked)
     errors = errors_of(tests)
     gap = gap_closed(total(tests, "start"), errors["after"], errors["noise"])
     is_nearly_closed = (gap is not None and gap >= VERDICT.nearly_all) or _is_nearly_closed_in_most(tests)
-    return is_nearly_closed or not _shows("after", errors, is_structure=is_structure)
+    return is_nearly_closed or not model_kind.is_mismatch(errors["after"], errors["noise"])
 
 
 def _has_lost_a_channel(run: Checked) -> bool:
@@ -74,7 +75,7 @@ def _has_lost_a_channel(run: Checked) -> bool:
     return any(after >= GAP.lost and noise < 0.5 * GAP.lost for _, _, after, noise in run.channels.values())
 
 
-def is_needed(choice: Choice, checked: Sequence[Checked], *, is_structure: bool) -> bool:
+def is_needed(choice: Choice, checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
     """Return whether a choice without a gap beats calibration.
 
     The calibrated model then follows with implausible parameters, or within its mesh error.
@@ -85,8 +86,8 @@ def is_needed(choice: Choice, checked: Sequence[Checked], *, is_structure: bool)
         Choice.
     checked : sequence of Checked
         Errors on recordings.
-    is_structure : bool
-        Whether mesh error counts as model error.
+    model_kind : ModelKind
+        Kind of the nominal model.
 
     Returns
     -------
@@ -97,27 +98,20 @@ def is_needed(choice: Choice, checked: Sequence[Checked], *, is_structure: bool)
     no_gap = gap_closed(errors["before"], errors["after"], errors["noise"]) is None
     least = GAP.no_worse if choice.is_prior_driven else VERDICT.better
     before, after = errors["before"], errors["after"]
-    if is_structure:  # mesh error biases the parameters, so implausible values prove little
-        no_gap, least = no_gap or not _shows("before", errors, is_structure=True), VERDICT.better_of_mesh
+    if model_kind.has_mesh_error:  # mesh error biases the parameters, so implausible values prove little
+        no_gap, least = no_gap or not model_kind.is_mismatch(errors["before"], errors["noise"]), VERDICT.better_of_mesh
         before, after = (float(np.sqrt(max(e**2 - errors["noise"] ** 2, 0.0))) for e in (before, after))
     elif choice.is_prior_driven:  # fits cannot tell residuals within the model error of their weights
         before = float(np.hypot(before, PROBLEM.model_error))
     return choice.gained > 0 and (choice.is_prior_driven or no_gap) and after <= least * before
 
 
-def _shows(which: str, errors: dict[str, float], *, is_structure: bool) -> bool:
-    """Return whether an error exceeds noise and model error."""
-    if is_structure:
-        return bool(errors[which] > np.hypot(VERDICT.above_noise * errors["noise"], PROBLEM.mesh_own_error))
-    return errors[which] > max(VERDICT.above_noise * errors["noise"], VERDICT.least_misfit)
-
-
-def is_within_noise(checked: Sequence[Checked], *, is_structure: bool) -> bool:
+def is_within_noise(checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
     """Return whether the residual of the extended model is within noise and stated model error."""
-    return not _shows("after", errors_of(checked), is_structure=is_structure)
+    return not model_kind.is_mismatch(total(checked, "after"), total(checked, "noise"))
 
 
-def residual_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
+def residual_note(verdict: Verdict, checked: Sequence[Checked], *, model_kind: ModelKind) -> list[str]:
     """Return a note where the residual exceeds the noise.
 
     Parameters
@@ -126,8 +120,8 @@ def residual_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure:
         Verdict.
     checked : sequence of Checked
         Errors on recordings.
-    is_structure : bool
-        Whether mesh error counts as model error.
+    model_kind : ModelKind
+        Kind of the nominal model.
 
     Returns
     -------
@@ -135,7 +129,7 @@ def residual_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure:
         One note, or none.
     """
     errors = errors_of(checked)
-    if verdict not in NAMING or not _shows("after", errors, is_structure=is_structure):
+    if verdict not in NAMING or not model_kind.is_mismatch(errors["after"], errors["noise"]):
         return []
     times = errors["after"] / max(errors["noise"], 1e-300)
     return [
@@ -164,7 +158,7 @@ def is_gaussian(checked: Sequence[Checked]) -> bool:
     return all(c.is_gaussian(rate) for c in checked)
 
 
-def coloured_noise_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
+def coloured_noise_note(verdict: Verdict, checked: Sequence[Checked], *, model_kind: ModelKind) -> list[str]:
     """Return a note where a coloured residual counts as noise.
 
     Parameters
@@ -173,8 +167,8 @@ def coloured_noise_note(verdict: Verdict, checked: Sequence[Checked], *, is_stru
         Verdict.
     checked : sequence of Checked
         Errors on recordings.
-    is_structure : bool
-        Whether mesh error counts as model error.
+    model_kind : ModelKind
+        Kind of the nominal model.
 
     Returns
     -------
@@ -182,7 +176,7 @@ def coloured_noise_note(verdict: Verdict, checked: Sequence[Checked], *, is_stru
         One note, or none.
     """
     errors = errors_of(checked)
-    if verdict != "nothing-missing" or not _shows("before", errors, is_structure=is_structure):
+    if verdict != "nothing-missing" or not model_kind.is_mismatch(errors["before"], errors["noise"]):
         return []
     what = "coloured noise"
     if not is_gaussian(checked):
@@ -193,7 +187,7 @@ def coloured_noise_note(verdict: Verdict, checked: Sequence[Checked], *, is_stru
     ]
 
 
-def fit_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool) -> list[str]:
+def fit_note(verdict: Verdict, checked: Sequence[Checked], *, model_kind: ModelKind) -> list[str]:
     """Return a note where only fitted recordings show a mismatch.
 
     Parameters
@@ -202,21 +196,23 @@ def fit_note(verdict: Verdict, checked: Sequence[Checked], *, is_structure: bool
         Verdict.
     checked : sequence of Checked
         Errors on hold-out recordings.
-    is_structure : bool
-        Whether mesh error counts as model error.
+    model_kind : ModelKind
+        Kind of the nominal model.
 
     Returns
     -------
     list of str
         One note, or none.
     """
-    if verdict != "none-of-these" or not checked or _shows("before", errors_of(checked), is_structure=is_structure):
+    if verdict != "none-of-these" or not checked:
+        return []
+    if model_kind.is_mismatch(total(checked, "before"), total(checked, "noise")):
         return []
     return ["the model follows the hold-out recordings; the mismatch shows in the fitted recordings only"]
 
 
 def is_of_the_fit_alone(
-    checked: Sequence[Checked], fitted: Callable[[], Sequence[Checked]], *, is_structure: bool
+    checked: Sequence[Checked], fitted: Callable[[], Sequence[Checked]], *, model_kind: ModelKind
 ) -> bool:
     """Return whether findings act in the fitted recordings only.
 
@@ -226,15 +222,15 @@ def is_of_the_fit_alone(
         Errors on hold-out recordings.
     fitted : callable
         Returns the errors on fitted recordings.
-    is_structure : bool
-        Whether mesh error counts as model error.
+    model_kind : ModelKind
+        Kind of the nominal model.
 
     Returns
     -------
     bool
         Whether hold-out recordings cannot verify the findings.
     """
-    return bool(checked) and all(run.is_idle for run in checked) and closes_gap(fitted(), is_structure=is_structure)
+    return bool(checked) and all(run.is_idle for run in checked) and closes_gap(fitted(), model_kind=model_kind)
 
 
 def explains_part(checked: Sequence[Distance]) -> bool:
@@ -304,11 +300,11 @@ def family_share(choice: Choice, families: Collection[str]) -> float:
     return sum(p for p, is_own in shares if is_own) / max(sum(p for p, _ in shares), 1e-300)
 
 
-def is_partial_explanation(attempt: Attempt, choice: Choice, *, is_structure: bool = False) -> bool:
+def is_partial_explanation(attempt: Attempt, choice: Choice, *, has_mesh_error: bool = False) -> bool:
     """Return whether an attempt is a partial explanation.
 
-    Its effects generalise, and their families have more than half of the posterior of all fitted effects. In a structure they
-    must explain more than they leave, since any effect absorbs a part of the errors of mesh, masses and stiffnesses.
+    Its effects generalise, and their families have more than half of the posterior of all fitted effects. Beside mesh error
+    they must explain more than they leave, since any effect absorbs a part of the errors of mesh, masses and stiffnesses.
 
     Parameters
     ----------
@@ -316,8 +312,8 @@ def is_partial_explanation(attempt: Attempt, choice: Choice, *, is_structure: bo
         Attempt with errors on hold-out data.
     choice : Choice
         Choice with its ranking.
-    is_structure : bool
-        Whether mesh error counts as model error.
+    has_mesh_error : bool
+        Whether effects absorb mesh error.
 
     Returns
     -------
@@ -326,7 +322,7 @@ def is_partial_explanation(attempt: Attempt, choice: Choice, *, is_structure: bo
     """
     families = {finding.family for finding in attempt.findings}
     is_held_out = all(c.role == "holdout" for c in attempt.checked)
-    explains = explains_most if is_structure else explains_part
+    explains = explains_most if has_mesh_error else explains_part
     return is_held_out and explains(attempt.checked) and family_share(choice, families) > 0.5
 
 
@@ -392,9 +388,9 @@ def _is_like_mesh_error(choice: Choice) -> bool:
     return bool(effects) and all(effect.kind == "port" and is_linear(effect) for effect in effects)
 
 
-def _follows(checked: Sequence[Checked], *, is_structure: bool, is_plausible: bool) -> bool:
+def _follows(checked: Sequence[Checked], *, model_kind: ModelKind, is_plausible: bool) -> bool:
     """Return whether the model without findings explains recordings but for noise."""
-    if not _shows("before", errors_of(checked), is_structure=is_structure):
+    if not model_kind.is_mismatch(total(checked, "before"), total(checked, "noise")):
         return True
     return is_plausible and is_incoherent(checked)
 
@@ -404,7 +400,7 @@ def decide_verdict(
     checked: Sequence[Checked],
     seen: DataFindings,
     *,
-    is_structure: bool,
+    model_kind: ModelKind,
     is_plausible: bool = True,
     fitted: Callable[[], Sequence[Checked]] = list,
 ) -> Verdict:
@@ -426,8 +422,8 @@ def decide_verdict(
         Errors on recordings.
     seen : DataFindings
         Findings from the data alone.
-    is_structure : bool
-        Whether mesh error counts as model error.
+    model_kind : ModelKind
+        Kind of the nominal model.
     is_plausible : bool
         Whether the parameters of the calibrated model are plausible beside noise.
     fitted : callable
@@ -441,14 +437,16 @@ def decide_verdict(
     if seen.damage.fatal:
         return "bad-recording"
     errors = errors_of(checked)
-    unexplained = _shows("before", errors, is_structure=is_structure)
-    if is_structure and not unexplained and not seen.is_missing and _is_like_mesh_error(choice):
+    unexplained = model_kind.is_mismatch(errors["before"], errors["noise"])
+    if model_kind.has_mesh_error and not unexplained and not seen.is_missing and _is_like_mesh_error(choice):
         return "nothing-missing"
-    if not seen.is_missing and is_of_the_fit_alone(checked, fitted, is_structure=is_structure):
+    if not seen.is_missing and is_of_the_fit_alone(checked, fitted, model_kind=model_kind):
         return "none-of-these"
-    if (choice.best.terms or seen.is_missing) and closes_gap(checked, is_structure=is_structure):
-        return "missing-physics" if _is_complete(checked, is_structure=is_structure) else "partly-explained"
-    is_followed = errors["before"] <= VERDICT.above_noise * errors["noise"] or (is_structure and not unexplained)
+    if (choice.best.terms or seen.is_missing) and closes_gap(checked, model_kind=model_kind):
+        return "missing-physics" if _is_complete(checked, model_kind=model_kind) else "partly-explained"
+    is_followed = errors["before"] <= VERDICT.above_noise * errors["noise"] or (
+        model_kind.has_mesh_error and not unexplained
+    )
     # with implausible parameters; where the effect leaves more than noise, another one may make them plausible
     is_left = choice.best.normalised_residual > MODEL_CHOICE.above_noise
     is_followed = is_followed or (choice.is_prior_driven and not unexplained and not is_left)
@@ -456,18 +454,18 @@ def decide_verdict(
     shows = bool(seen.stops) and errors["after"] <= GAP.no_worse * errors["before"]
     shows = shows or (bool(seen.steps) and _predicts_better(checked))
     tests = not all(run.is_idle for run in checked)
-    if is_followed and (shows or (tests and is_needed(choice, checked, is_structure=is_structure))):
+    if is_followed and (shows or (tests and is_needed(choice, checked, model_kind=model_kind))):
         return "missing-physics"
-    follows = partial(_follows, is_structure=is_structure, is_plausible=is_plausible)
+    follows = partial(_follows, model_kind=model_kind, is_plausible=is_plausible)
     if follows(checked) and follows(fitted()):
         return "nothing-missing"
     if not seen.damage.warnings:
         return "none-of-these"
-    may_be_damage = _may_be_damage(seen.damage, [*checked, *fitted()], is_structure=is_structure)
+    may_be_damage = _may_be_damage(seen.damage, [*checked, *fitted()], model_kind=model_kind)
     return "bad-recording" if may_be_damage else "none-of-these"
 
 
-def _may_be_damage(damage: DataQuality, checked: Sequence[Checked], *, is_structure: bool) -> bool:
+def _may_be_damage(damage: DataQuality, checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
     """Return whether damage may explain the mismatch.
 
     It may not where a recording shows a mismatch before its first damage.
@@ -475,6 +473,6 @@ def _may_be_damage(damage: DataQuality, checked: Sequence[Checked], *, is_struct
 
     def is_shown(run: Checked) -> bool:
         sound = run.error_until(damage.since.get(run.name, np.inf))
-        return _shows("before", {"before": sound, "noise": run.noise}, is_structure=is_structure)
+        return model_kind.is_mismatch(sound, run.noise)
 
     return not any(is_shown(run) for run in checked)

@@ -81,7 +81,7 @@ class LeastSquares:
         noise = np.array([run.noise for run in self.runs])
         scale = np.array([run.scale for run in self.runs])
         self.noise_share = float(np.mean((noise / self.sigma) ** 2))
-        self.error_share = float(np.mean((self.problem.own_error * scale / self.sigma) ** 2))
+        self.error_share = float(np.mean((self.problem.model_kind.own_error * scale / self.sigma) ** 2))
         self.integration_share = float(np.mean((PROBLEM.integration_error * scale / self.sigma) ** 2))
         correlated = float(np.mean((self.correlated_error * scale / self.sigma) ** 2))
         self.effective_share = self.effective_samples
@@ -91,8 +91,8 @@ class LeastSquares:
 
     @property
     def correlated_error(self) -> float:
-        """Relative model error that is correlated over samples: that of a mesh."""
-        return 0.0 if self.problem.case.structure is None else self.problem.own_error
+        """Relative model error that is correlated over samples."""
+        return self.problem.model_kind.correlated_error
 
     @cached_property
     def weights(self) -> list[Array]:

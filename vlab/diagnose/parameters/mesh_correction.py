@@ -16,7 +16,7 @@ PHYSICAL = "composite"
 """Name of the plant with the coarse mesh."""
 
 
-def with_modes_of_fe(case: Case) -> Case:
+def with_modes_of_fe(case: Case, structure: Structure) -> Case:
     """Tune a composite plant to the FE model's frequencies.
 
     Modes in and above the recorded band are tuned; other cases are unchanged. Two links per bar rotate close modes into
@@ -27,14 +27,16 @@ def with_modes_of_fe(case: Case) -> Case:
     ----------
     case : Case
         Case.
+    structure : Structure
+        Structure of the case.
 
     Returns
     -------
     Case
         Case with a tuned plant.
     """
-    structure, table = case.structure, case.table.model
-    if structure is None or table.plant != PHYSICAL or not case.recordings(("fit",)):
+    table = case.table.model
+    if table.plant != PHYSICAL or not case.recordings(("fit",)):
         return case
     if structure.tuning is not None and structure.tuning.of_fe:
         return case
@@ -48,7 +50,7 @@ def with_modes_of_fe(case: Case) -> Case:
     return _rebuilt(case, replace(structure, tuning=of_fe))
 
 
-def with_soft_cables(case: Case) -> Case | None:
+def with_soft_cables(case: Case, structure: Structure) -> Case | None:
     """Return a case without stretch stiffening of the cables.
 
     A cable that holds a swinging bar stretches with the square of the swing, and the tension rises. The modes depend on
@@ -58,14 +60,15 @@ def with_soft_cables(case: Case) -> Case | None:
     ----------
     case : Case
         Case.
+    structure : Structure
+        Structure of the case.
 
     Returns
     -------
     Case or None
         Case with soft cables; None without cables or with another plant.
     """
-    structure = case.structure
-    if structure is None or case.table.model.plant != PHYSICAL or not structure.cable:
+    if case.table.model.plant != PHYSICAL or not structure.cable:
         return None
     soft = tuple(
         replace(cable, youngs_modulus=MESH_CORRECTION.soft * cable.youngs_modulus) for cable in structure.cable

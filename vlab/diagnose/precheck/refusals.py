@@ -13,6 +13,7 @@ from vlab.diagnose.data.quality import assess_quality
 from vlab.diagnose.parameters.recorded_runs import read_runs
 from vlab.diagnose.predictors.scope import check_contacts, check_scope, is_linear
 from vlab.diagnose.predictors.trajectory_data import Motion
+from vlab.diagnose.problem import model_kind_of
 from vlab.errors import VlabError
 from vlab.plants.base import ONE_WAY, Plant
 
@@ -42,7 +43,7 @@ def refusals(case: Case, runs: Sequence[Run], check: FileCheck) -> list[str]:
         out += assess_quality(runs, fitted, check).fatal
     try:
         read_runs(case, ("fit",))
-        if case.structure is None and not is_linear(case.plant):
+        if not model_kind_of(case).stays_linear and not is_linear(case.plant):
             check_scope(case)
             check_contacts(case, recorded_motions(case.plant, fitted))
     except VlabError as error:

@@ -2,23 +2,21 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from vlab.cases.case import Case
 from vlab.cases.channel_map import Run
 from vlab.diagnose.data.responses import Measured, Modes, Response, read_measured, thinned
+from vlab.diagnose.model_kinds.model_kind import ModelKind
 from vlab.diagnose.parameters.locations import Place, places_of
-from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, changes_of, gain_sd, uncertain_parameters
-from vlab.diagnose.parameters.mjcf_sensitivity import parts_of
+from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, gain_sd
 from vlab.diagnose.parameters.reduced_model import ReducedModel
-from vlab.diagnose.parameters.structure import adjusted_structure, structure_parameters
-from vlab.diagnose.parameters.structure_sensitivity import carried, damping_of_structure, structure_parts
 from vlab.diagnose.predictors.frequency import State
 from vlab.diagnose.predictors.frequency_model import View, Wires, view_of, wires_of
+from vlab.diagnose.problem import model_kind_of
 from vlab.errors import BadCase
-from vlab.fe import build_fe_model
-from vlab.fe.damping import driven_modes
 from vlab.plants.base import Plant
 from vlab.signals import Array
 
@@ -56,6 +54,11 @@ class FrequencyProblem:
     reduced_model: ReducedModel
     parameters: tuple[Uncertain, ...]
     places: tuple[Place, ...]
+
+    @cached_property
+    def model_kind(self) -> ModelKind:
+        """Kind of the nominal model."""
+        return model_kind_of(self.case)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -117,11 +120,7 @@ class FrequencyProblem:
             if p.actuator is None or p.actuator < len(self.plant.actuators)
         ]
         parameters, values = [p for p, _ in own], np.array([v for _, v in own])
-        if self.case.structure is None:
-            return adjusted(self.plant, parameters, values)
-        variant = self.case.table.model.variant
-        out = adjusted_structure(self.case.structure, self.plant, variant, parameters, values)
-        return replace(out, physics=self.plant.physics, impedance=self.plant.impedance)
+        return self.model_kind.adjusted(self.plant, parameters, values)
 
     def state(self, theta: Array) -> State:
         """Return the matrices with derivatives at given log factors."""
@@ -193,31 +192,17 @@ def prepare_frequency(case: Case) -> FrequencyProblem:
 def _uncertain(
     case: Case, plant: Plant, wires: Wires, view: View, measured: Sequence[Measured]
 ) -> tuple[tuple[Uncertain, ...], ReducedModel]:
-    given, structure = case.table.model.uncertain, case.structure
+    given, model_kind = case.table.model.uncertain, model_kind_of(case)
     responses = [d for d in measured if isinstance(d, Response)]
     inputs = {r.input for r in responses}
     driven = sorted(
         {a for name, a in zip(wires.inputs, wires.actuators, strict=True) if a is not None and name in inputs}
     )
     measures_damping = responses or any(np.isfinite(d.zeta).any() for d in measured if isinstance(d, Modes))
-    listed: Sequence[Uncertain]
-    if structure is None:
-        listed = uncertain_parameters(plant, given, wires.names, driven)
-    else:
-        listed = structure_parameters(structure, given, wires.names, driven)
+    listed = model_kind.parameters_of_responses(plant, given, wires.names, driven)
     parameters = [p for p in listed if measures_damping or p.kind != "damping"]
-    damping = None
-    if structure is None:
-        parts = parts_of(plant, parameters, view.shapes)
-    else:
-        points = [p.name for p in structure.point if p.name in plant.ports]
-        at_points = plant.port_rows(points) @ view.shapes
-        fe = build_fe_model(structure, case.table.model.variant)
-        parts = structure_parts(fe, carried(fe, at_points, view.omega, points), parameters, view.omega)
-        at_coils = plant.port_rows(structure.coil_places) @ view.shapes
-        places = range(len(driven_modes(at_coils)))
-        ordered = damping_of_structure(structure, parameters, view.M, view.K, at_coils, places)
-        damping = replace(ordered, follows_shapes=True)  # a change of the order must be smooth
+    parts = model_kind.parts_of_responses(plant, parameters, view.omega, view.shapes)
+    damping = model_kind.damping_of_responses(plant, parameters, view.shapes, view.M, view.K)
     for name, actuator, column in zip(wires.inputs, wires.actuators, view.columns, strict=True):
         if actuator is None and name in inputs:
             parameters.append(Uncertain(name=f"gain:{name}", kind="gain", sd=gain_sd(given, name), actuator=column))

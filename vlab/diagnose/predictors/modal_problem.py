@@ -8,28 +8,17 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.diagnose.data.mains_interference import find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.runs import Feedthrough, signals_of
-from vlab.diagnose.parameters.geometry import geometry_about_rest, parts_about_rest
 from vlab.diagnose.parameters.locations import Place, places_of
-from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, stiffness_of, uncertain_parameters
+from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, stiffness_of
 from vlab.diagnose.parameters.mode_selection import KeptModes, as_stepped, kept_modes
 from vlab.diagnose.parameters.observation import channel_rows, command_feedthrough
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns, limited, read_runs, recorded_commands
-from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, ReducedModel, Shift, TruncatedModes
-from vlab.diagnose.parameters.structure import structure_parameters
-from vlab.diagnose.parameters.structure_sensitivity import (
-    carried,
-    damping_of_structure,
-    structure_parts,
-    structure_shifts,
-)
-from vlab.diagnose.problem import Problem
-from vlab.diagnose.settings import LOCATIONS, MODAL_PROBLEM, MODE_SELECTION
+from vlab.diagnose.parameters.reduced_model import Part, ReducedModel, TruncatedModes
+from vlab.diagnose.problem import Problem, model_kind_of
+from vlab.diagnose.settings import LOCATIONS, MODE_SELECTION
 from vlab.errors import BadCase
-from vlab.fe import build_fe_model
-from vlab.fe.damping import driven_modes
 from vlab.plants.base import Plant
 from vlab.signals import Array
-from vlab.structure import Structure
 
 
 def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
@@ -60,13 +49,13 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
         raise BadCase(
             f"{case.path}: the recorded channels see no mode of the model below {MODE_SELECTION.seen * rate:.3g} Hz"
         )
-    parameters, parts, shifts = _uncertain(case, recorded, modes)
+    model_kind = model_kind_of(case)
+    uncertainty = model_kind.uncertainty_about_rest(case, recorded, modes)
+    parameters = uncertainty.parameters
     pushes = np.hstack([plant.actuator_forces(), plant.port_rows(recorded.load_ports).T.reshape(plant.model.nv, -1)])
-    reduced_model = replace(_reduced_model(case, recorded, modes, pushes, parameters, parts), shifts=shifts)
-    if case.structure is not None:
-        reduced_model = replace(
-            reduced_model, damping=_damping(case.structure, plant, modes, reduced_model, parameters)
-        )
+    reduced_model = _reduced_model(case, recorded, modes, pushes, parameters, uncertainty.parts)
+    damping = model_kind.damping_about_rest(plant, modes, reduced_model, parameters)
+    reduced_model = replace(reduced_model, shifts=uncertainty.shifts, damping=damping)
     feedthrough = _feedthrough(case, recorded, modes, pushes, reduced_model)
     interferences, found = (
         find_mains_interference(recorded.runs),
@@ -97,56 +86,10 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
         orders=recorded.orders,
         about=np.where([c.from_rest for c in recorded.channels], 0.0, rows.rest),
         signals=signals,
-        places=tuple(_with_factors(case, place, parameters) for place in found),
+        places=tuple(_with_factors(plant, place, parameters) for place in found),
         interferences=interferences,
         highest_hz=recorded.highest_hz,
     )
-
-
-_Uncertainty = tuple[tuple[Uncertain, ...], tuple[Part, ...], tuple[Shift, ...]]
-"""Uncertain parameters, their matrix parts in the dynamic modes, and their sensor shifts."""
-
-
-def _uncertain(case: Case, recorded: RecordedRuns, modes: KeptModes) -> _Uncertainty:
-    if case.structure is not None:
-        return _uncertain_of_structure(case, case.structure, recorded, modes)
-    given = case.table.model.uncertain
-    parameters = [
-        *uncertain_parameters(case.plant, given, recorded.names, recorded.driven),
-        *geometry_about_rest(case.plant, given, modes.basis),
-    ]
-    return tuple(parameters), parts_about_rest(case.plant, parameters, modes.basis), ()
-
-
-def _uncertain_of_structure(case: Case, structure: Structure, recorded: RecordedRuns, modes: KeptModes) -> _Uncertainty:
-    plant, basis, kept = case.plant, modes.basis, modes.kept
-    among = np.cumsum(kept) - 1
-    tuned = [int(among[j]) if kept[j] else -1 for j in _driven(structure, plant, modes)]
-    # above the band only compliance is identifiable: a free frequency there would absorb that of truncated modes
-    in_band = modes.omega[kept] <= 2 * np.pi * MODAL_PROBLEM.band * recorded.highest_hz
-    last = max((k + 1 for k, j in enumerate(tuned) if j >= 0 and in_band[j]), default=0)
-    given, sensors = case.table.model.uncertain, [channel.sensor for channel in recorded.channels]
-    parameters = structure_parameters(structure, given, recorded.names, recorded.driven, last, sensors)
-    points = [p.name for p in structure.point if p.name in plant.ports]
-    at_points = plant.port_rows(points) @ basis
-    variant = case.table.model.variant
-    fe = build_fe_model(structure, variant)
-    carry = carried(fe, at_points, modes.omega[kept], points)
-    parts = structure_parts(fe, carry, parameters, modes.omega[kept], tuned)
-    return tuple(parameters), parts, structure_shifts(fe, carry, parameters)
-
-
-def _driven(structure: Structure, plant: Plant, modes: KeptModes) -> Array:
-    """Return the indices of the modes that the coils drive."""
-    return driven_modes(plant.port_rows(structure.coil_places) @ modes.shapes)
-
-
-def _damping(
-    structure: Structure, plant: Plant, modes: KeptModes, reduced_model: ReducedModel, parameters: Sequence[Uncertain]
-) -> ModalDamping:
-    places = [i for i, j in enumerate(_driven(structure, plant, modes)) if modes.kept[j]]
-    at_coils = plant.port_rows(structure.coil_places) @ modes.basis
-    return damping_of_structure(structure, parameters, reduced_model.M, reduced_model.K, at_coils, places)
 
 
 def _reduced_model(
@@ -191,14 +134,14 @@ def _truncated(modes: KeptModes, forces: Array, loads: Array) -> TruncatedModes:
     )
 
 
-def _with_factors(case: Case, place: Place, parameters: Sequence[Uncertain]) -> Place:
+def _with_factors(plant: Plant, place: Place, parameters: Sequence[Uncertain]) -> Place:
     """Return a location with its element's stiffness parameters.
 
     A relative loss of stiffness refers to the adjusted stiffness.
     """
-    if case.structure is not None or not place.stiffness > 0.0:
+    if not place.stiffness > 0.0:
         return place
-    own = set(stiffness_of(case.plant.model, (place.name, *place.aliases)))
+    own = set(stiffness_of(plant.model, (place.name, *place.aliases)))
     return replace(place, stiffened_by=tuple(i for i, p in enumerate(parameters) if own & set(p.fields)))
 
 

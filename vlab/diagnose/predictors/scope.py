@@ -13,7 +13,7 @@ from vlab.diagnose.predictors.kalman import smoothed_states
 from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.predictors.own_nonlinearity import with_own_nonlinearity
 from vlab.diagnose.predictors.trajectory_data import Motion
-from vlab.diagnose.problem import Problem
+from vlab.diagnose.problem import Problem, model_kind_of
 from vlab.diagnose.settings import SCOPE
 from vlab.errors import BadCase, BadStructure
 from vlab.fe.second_order import SecondOrderModel
@@ -44,7 +44,7 @@ def linear_problem(case: Case) -> Problem | None:
     plant = case.plant
     if not case.recordings(("fit",)):
         return prepare(case, ("fit",))
-    if case.structure is not None:  # flexible structures deflect little and stay time-invariant
+    if model_kind_of(case).stays_linear:
         problem, departure = prepare(case, ("fit",)), _departure(plant, plant.linearise(), *_large(plant))
         return problem if departure < SCOPE.exact else with_own_nonlinearity(problem)
     if np.any(plant.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE) and plant.model.nv > SCOPE.most_coordinates:

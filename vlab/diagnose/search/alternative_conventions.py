@@ -57,7 +57,7 @@ def list_conventions(problem: Problem, stated: Case | None = None) -> list[Alter
     list of AlternativeConvention
         Conventions.
     """
-    if problem.case.structure is not None:
+    if not problem.model_kind.has_open_conventions:
         return []
     out = [
         AlternativeConvention(words=describe_hold(hold), of=partial(with_hold, hold=hold))

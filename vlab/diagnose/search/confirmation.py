@@ -201,7 +201,7 @@ class Confirmation:
         single = choose_model(alone).best
         if not single.terms:
             return confirmed
-        if self.problem.case.structure is None and is_prior_driven(both, single):
+        if not self.problem.model_kind.has_mesh_error and is_prior_driven(both, single):
             return confirmed  # one effect suffices with implausible parameters only
         one = self._first_confirmed(alone)
         if not self._error(one) <= GAP.no_worse * self._error(confirmed):

@@ -10,7 +10,6 @@ from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
-from vlab.diagnose.parameters.mesh_correction import with_soft_cables
 from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.predictors.scope import check_contacts, check_scope, linear_problem
 from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory, read_trajectory_signals
@@ -139,12 +138,12 @@ def _as_nonlinear_as_recorded(problem: Problem) -> LinearTimeInvariant:
     Cables stiffen a swinging beam by 1e-5 at a quarter of a millimetre. Light damping makes that visible, and the real
     structure may differ. An unidentified nonlinearity would extrapolate to louder recordings.
     """
-    if problem.case.structure is None or problem.bare is None:
+    if problem.bare is None or not problem.model_kind.has_doubtful_nonlinearity:
         return LinearTimeInvariant(screen=ScoreTest(problem))
     (with_cables, theta), (without, theta_without) = side_by_side(_left_by_a_refit, (problem, problem.bare))
     if with_cables <= MODEL_CLASS.less * without:
         return LinearTimeInvariant(screen=ScoreTest(problem, theta=theta))
-    soft = with_soft_cables(problem.case)
+    soft = problem.model_kind.with_soft_cables(problem.case)
     if soft is None:
         return LinearTimeInvariant(screen=ScoreTest(problem.bare, theta=theta_without))
     return LinearTimeInvariant(screen=ScoreTest(prepare(soft), theta=theta_without), notes=(UNSTRETCHED,))

@@ -106,7 +106,7 @@ def score_by_timing(
     lines: list[str] = []
     for _ in range(SAMPLING_CONVENTION.most_passes):
         problem = screen.problem
-        if problem.case.structure is not None or not _shows(problem):
+        if not problem.model_kind.has_open_conventions or not _shows(problem):
             break
         left_open = _left_open(problem, signals)
         conventions = list(_conventions(screen, left_open))
@@ -133,7 +133,7 @@ def open_holds(problem: Problem) -> list[Hold]:
     list of Hold
         Holds; empty where the data decided or cannot decide.
     """
-    if problem.timing or problem.case.structure is not None or not _shows(problem):
+    if problem.timing or not problem.model_kind.has_open_conventions or not _shows(problem):
         return []
     return [hold for hold, _ in _others(problem.case) if hold in ("linear", "zero")]
 
@@ -153,7 +153,7 @@ def decided_holds(problem: Problem, stated: Case) -> list[Hold]:
     list of Hold
         Holds; empty where the case states the hold, or none was decided on.
     """
-    if not problem.timing or problem.case.structure is not None:
+    if not problem.timing or not problem.model_kind.has_open_conventions:
         return []
     holds: tuple[Hold, ...] = ("linear", "zero")
     return [hold for hold in holds if with_decided_hold(problem.case, hold, stated).table != problem.case.table]

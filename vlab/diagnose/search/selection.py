@@ -117,7 +117,7 @@ def search(
         screened=[*shortlist, *candidates],
         start=before.long_fit,
     )
-    enough = _explaining(whole)
+    enough = problem.model_kind.explained_residual(whole.noise_share, whole.error_share)
     is_odd = bool(singles) and violate_priors(
         singles, whole.directions.shape[1], whole.reduced_model.prior, problem.may_vanish
     )
@@ -171,18 +171,11 @@ def _calibrated_error(screen: ScoreTest) -> tuple[LeastSquares, Hypothesis]:
     """
     narrow = WindowLeastSquares(screen)
     before = scored_by(narrow, narrow.fit(thetas=[np.zeros_like(screen.theta)]))
-    is_mesh = screen.problem.case.structure is not None  # mesh error of that size is known
-    if before.normalised_residual > HYPOTHESIS_FITS.enough or is_mesh:
+    has_mesh_error = screen.problem.model_kind.has_mesh_error  # of the size of the allowance
+    if before.normalised_residual > HYPOTHESIS_FITS.enough or has_mesh_error:
         return narrow, before
     finer = WindowLeastSquares(screen, model_error=SELECTION.finer * narrow.model_error)
     return finer, scored_by(finer, finer.fit((), before.fit))
-
-
-def _explaining(whole: LeastSquares) -> float:
-    """Return the normalised residual of an explanation."""
-    if whole.problem.case.structure is None:
-        return SELECTION.explains * floor_of(whole)
-    return float(np.sqrt(whole.noise_share + SELECTION.enough_of_mesh * whole.error_share))
 
 
 def shows(problem: Problem, effect: Effect) -> bool:

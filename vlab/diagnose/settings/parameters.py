@@ -51,6 +51,15 @@ class MeshCorrectionSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class MeshedStructureSettings:
+    """Settings of `vlab.diagnose.model_kinds.meshed_structure`."""
+
+    band: float = 1.1
+    """band [1]: highest mode with an uncertain frequency over the highest recorded frequency, above 0; default
+    untested. Raising it adds parameters that only compliance identifies."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class MjcfPriorsSettings:
     """Settings of `vlab.diagnose.parameters.mjcf`."""
 
@@ -209,6 +218,7 @@ class ProblemSettings:
 GEOMETRY = GeometrySettings()
 LOCATIONS = LocationsSettings()
 MESH_CORRECTION = MeshCorrectionSettings()
+MESHED_STRUCTURE = MeshedStructureSettings()
 MJCF_PRIORS = MjcfPriorsSettings()
 MODE_SELECTION = ModeSelectionSettings()
 OBSERVATION = ObservationSettings()

@@ -169,15 +169,6 @@ class ModalIntegrationSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModalProblemSettings:
-    """Settings of `vlab.diagnose.predictors.modal_problem`."""
-
-    band: float = 1.1
-    """band [1]: highest mode with an uncertain frequency over the highest recorded frequency, above 0; default
-    untested. Raising it adds parameters that only compliance identifies."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class OwnNonlinearitySettings:
     """Settings of `vlab.diagnose.predictors.own_nonlinearity`."""
 
@@ -303,7 +294,6 @@ LEVEL_MODES = LevelModesSettings()
 LEVEL_RESPONSE = LevelResponseSettings()
 MODAL = ModalSettings()
 MODAL_INTEGRATION = ModalIntegrationSettings()
-MODAL_PROBLEM = ModalProblemSettings()
 OWN_NONLINEARITY = OwnNonlinearitySettings()
 SCOPE = ScopeSettings()
 STEP_JACOBIAN = StepJacobianSettings()

@@ -1,0 +1,1 @@
+"""Kinds of nominal models: MJCF files and meshed structures."""
