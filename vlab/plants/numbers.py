@@ -22,8 +22,10 @@ def numbers_into_spec(spec: Any, model: Any) -> None:
     if spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
         spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
     spec.compiler.settotalmass = -1.0  # MuJoCo's sign for no total mass
+    mean_inertia = spec.stat.meaninertia
     spec.compile()
     spec.copy_back(model)
+    spec.stat.meaninertia = mean_inertia  # MuJoCo derives the value, and warns of a stated one
     for tendon in spec.tendons:
         if np.any(np.asarray(tendon.springlength) < 0.0):
             _keep_spring(tendon, model)
