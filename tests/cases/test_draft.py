@@ -311,3 +311,35 @@ def test_a_column_of_turns_a_minute_shows_the_speed_of_a_motor(tmp_path, name):
     (run, *_) = case.runs(("fit",))
     measured = run.measured[run.compared[0].channel]
     assert np.max(np.abs(measured)) == pytest.approx(300 * 2 * np.pi / 60, rel=1e-3)
+
+
+# ---- clocks of loggers ----------------------------------------------------------------------------------------------
+
+
+def runs_of(tmp_path, stamp):
+    """Return the draft of one log with stamps, and its fitted and its held-out run."""
+    time, force, motion = swinging()
+    (tmp_path / "slide.xml").write_text(SLIDE)
+    rows = [f"{stamp(t)},{f:.9f},{1e-3 * q:.9f}\n" for t, f, q in zip(time, force, motion, strict=True)]
+    (tmp_path / "log.csv").write_text("timestamp,motor,slide\n" + "".join(rows))
+    draft, case = drafted(tmp_path / "slide.xml", [tmp_path / "log.csv"])
+    return draft, *(case.runs((role,))[0] for role in ("fit", "holdout"))
+
+
+def clock(t):
+    return f"10:00:{t:06.3f}"
+
+
+STAMPS = {"clock": clock, "ISO": lambda t: f"2025-03-01T{clock(t)}Z", "epoch": lambda t: f"{1.7e9 + t:.3f}"}
+
+
+@pytest.mark.parametrize("form", STAMPS)
+def test_times_of_a_run_count_from_the_first_sample_of_the_log(tmp_path, form):
+    draft, fit, held_out = runs_of(tmp_path, STAMPS[form])
+    assert draft.clock.time == "timestamp"
+    assert draft.clock.unit == "s"
+    assert [part.name for part in draft.parts] == ["log before 2.66 s", "log from 2.66 s"]
+    assert fit.measured.time[0] == 0.0
+    assert fit.measured.time[-1] == pytest.approx(2.65, abs=1e-6)  # the border is a sample of the later part
+    assert held_out.measured.time[0] == pytest.approx(2.66, abs=1e-6)
+    assert held_out.before.time[0] == 0.0

@@ -30,14 +30,15 @@ def test_numeric_columns_are_read_and_others_say_why_not(tmp_path):
         "words": [["a"], ["b"], ["c"]],
     }
     table = open_table(parquet(tmp_path, columns))
-    assert table.names == ("exp.off", "n", "half", "on", "nested[0]")
+    assert table.names == ("exp.off", "n", "half", "on", "when", "nested[0]")
+    assert table["when"].tolist() == [0.0, 1e-9, 2e-9]
+    assert table.units == {"when": "s"}
     assert table["on"].tolist() == [1.0, 0.0, 1.0]
     reasons = {
         "who": "string",
         "gap": "empty at sample 1",
         "nan": "NaN at sample 1",
         "clock": "precision",
-        "when": "seconds",
         "nested": r"lists of 1 numbers; name an element, such as nested\[0\]",
         "words": "list",
     }

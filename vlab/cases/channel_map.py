@@ -1,7 +1,7 @@
 """Channel map: drives, compared channels and the law of a recording."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import mujoco
@@ -19,6 +19,8 @@ from vlab.plants.base import Plant
 from vlab.recordings.assemble import own_si
 from vlab.signals import ORDER, Array, Recording, check_sizes
 
+FAR_S = 1e6
+"""FAR_S [s]: first time of a file, such as seconds since 1970, beyond which times count from the file's first sample."""
 _UNITS = {
     "m": ("displacement", "velocity", "acceleration"),
     "rad": ("angle", "angular-velocity", "angular-acceleration"),
@@ -427,20 +429,25 @@ def make_run(plant: Plant, name: str, table: RecordingTable, whole: Recording, h
     start = -np.inf if table.start_s is None else table.start_s
     stop = np.inf if table.stop_s is None else table.stop_s
     whole = in_time(whole, table)
-    edge = 1e-9 * max(1.0, abs(whole.time[-1]))  # a start on a sample includes the sample, within rounding
+    # a start on a sample includes the sample, within rounding; a double of the year 2025 holds 0.2 microseconds
+    edge = 1e-9 * max(1.0, whole.time[-1] - whole.time[0]) + 2.0 * np.spacing(abs(whole.time[-1]))
     measured = _part(whole, start - edge, stop - edge)
     if measured is None:
         raise BadRecording(
             f"{table.file}: fewer than 2 samples from start_s = {table.start_s} to stop_s = {table.stop_s}; "
-            f"the recording runs from {whole.time[0]:g} to {whole.time[-1]:g} s"
+            f"the recording runs from {whole.time[0]:.12g} to {whole.time[-1]:.12g} s"
         )
+    before = _part(whole, -np.inf, start - edge)
+    if abs(whole.time[0]) > FAR_S:
+        measured = replace(measured, time=measured.time - whole.time[0])
+        before = None if before is None else replace(before, time=before.time - whole.time[0])
     check_sizes(measured, table.file, largest=mujoco.mjMAXVAL, why=", for beyond it MuJoCo takes a run for diverged")
     drives, compared, law = wire(plant, table)
     return Run(
         name=name,
         role=table.role,
         measured=measured,
-        before=_part(whole, -np.inf, start - edge),
+        before=before,
         drives=drives,
         compared=compared,
         law=law,

@@ -195,9 +195,11 @@ def _written(
     with output_folder(out, overwrite=arguments.overwrite or draft is not None) as folder:
         result.write_into(folder)
         _write_drafted(folder, draft, checked)
-    plain = json.loads((out / "diagnosis.json").read_text(encoding="utf-8")).get("mujoco")
-    document = {**result.done.diagnosis.to_json(), "out": str(out), "mujoco": plain}
-    lines = ["", f"written to {out}", *_for_mujoco(plain, out)]
+    saved, diagnosis = json.loads((out / "diagnosis.json").read_text(encoding="utf-8")), result.done.diagnosis
+    plain, notes = saved.get("mujoco"), saved.get("notes", [])
+    document = {**diagnosis.to_json(), "notes": notes, "out": str(out), "mujoco": plain}
+    on_files = map(in_line, notes[len(diagnosis.notes) :])
+    lines = ["", f"written to {out}", *_for_mujoco(plain, out), *on_files]
     if arguments.patch:
         document["patch"] = (out / FOLDER / PATCH).read_text(encoding="utf-8") if plain else ""
         lines += ["", document["patch"]]

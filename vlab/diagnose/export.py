@@ -34,6 +34,8 @@ CASE = "amended.toml"
 """Name of the written case."""
 RECORDINGS = "recordings"
 """Folder of the copied recordings."""
+NOT_WRITTEN = "The answer for MuJoCo alone is not written"
+"""Beginning of the note on a failure to write for plain MuJoCo."""
 Done = Diagnosed | FrequencyDiagnosed
 """Diagnosis with its models."""
 
@@ -67,6 +69,11 @@ class ExtendedModelFiles:
     note: str = ""
     mujoco: StandaloneAnswer | None = None
     mujoco_note: str = ""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks on files that are not written."""
+        return (f"{NOT_WRITTEN}: {self.mujoco_note}",) if self.mujoco_note else ()
 
 
 def write_extended_model(done: Done, folder: Path) -> ExtendedModelFiles:

@@ -27,6 +27,7 @@ from vlab.plants.base import Plant, Port
 from vlab.plants.element_ports import constant_port
 from vlab.plants.equilibrium import settle
 from vlab.plants.mjcf import AXES, MjcfPlant
+from vlab.plants.numbers import numbers_into_spec
 from vlab.signals import Array
 
 CHAIN = "chain"
@@ -167,8 +168,7 @@ def written(plant: Plant, effects: Sequence[Attached]) -> tuple[Any, list[Attach
             extra.append((one, beside))
         elif not _in_actuator(model, plant, one):
             left.append(one)
-    spec.compile()
-    spec.copy_back(model)
+    numbers_into_spec(spec, model)
     for one, beside in extra:
         add_springs(spec, plant, one.place, one.label, beside)
     return spec, left

@@ -14,7 +14,10 @@ from vlab.recordings.table import Table
 from vlab.signals import Array
 
 WORDS = {
-    "time": ("time", "timestamp", "stamp", "t", "x_value", "times", "timestamps", "seconds", "secs", "sec"),
+    "time": (
+        *("time", "timestamp", "stamp", "t", "x_value", "times", "timestamps", "seconds", "secs", "sec"),
+        *("datetime", "date", "clock", "utc"),
+    ),
     "temperature": ("temperature", "temp", "temps"),
     "error": ("error", "err", "errors"),
     "flag": ("flag", "status", "mode", "enabled", "valid", "id", "flags"),

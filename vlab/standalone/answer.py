@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import mujoco
@@ -94,7 +95,7 @@ def write_answer(
     effects : sequence of Attached
         Effects in the order in which they act.
     folder : Path
-        Output folder; made if missing.
+        Output folder; made if missing, and left as it is after a failure.
     channels : sequence of str
         Channel names of the case, which sensor effects may name.
     sample : float
@@ -114,11 +115,17 @@ def write_answer(
     OutputRefused
         A file cannot be written.
     BadStructure
-        The copied model does not load from its new folder.
+        The copied model does not load, or does not equal the computed one.
     """
     try:
-        writer = _Writer(source.resolve(), plant, effects, folder, channels, sample or plant.timestep, earlier)
-        return writer.write(findings)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        # beside the folder until all is checked, so that a failure leaves nothing
+        with TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as beside:
+            part = Path(beside) / folder.name
+            writer = _Writer(source.resolve(), plant, effects, part, channels, sample or plant.timestep, earlier)
+            answer = writer.write(findings)
+            shutil.copytree(part, folder, dirs_exist_ok=True)
+            return answer
     except OSError as error:
         raise OutputRefused(
             f"the answer for MuJoCo cannot be written into {folder}: {error.strerror or error}"
@@ -142,14 +149,14 @@ class _Writer:
         name, problem = self.copy(), ""
         for level in ("elements", "numbers", "law"):
             parts = native_parts(self.plant, self.effects, channels=self.channels, with_elements=level == "elements")
-            wanted = parts.spec.compile()
+            wanted = self.computed(parts.spec)
             patch = self.patched(name, nominal, wanted, level)
             left, why = (None, "its text is unclear") if patch is None else self.compiled(name, wanted)
             if left is not None and patch is not None:
                 break
             problem = problem or why
         if patch is None or left is None:
-            raise BadStructure(f"{self.source.name}: no copy of the model for MuJoCo alone: {why}")
+            raise BadStructure(f"{self.source.name}: {why}")
         law = law_module(
             parts.plant,
             model=name,
@@ -159,6 +166,14 @@ class _Writer:
             shown=[*self.earlier, *parts.left],
         )
         return self.finish(name, parts, patch, law, left, findings, problem)
+
+    def computed(self, spec: Any) -> Any:
+        try:
+            return spec.compile()
+        except Exception as error:  # MuJoCo raises ValueError, FatalError and a few more with one meaning
+            raise BadStructure(
+                f"{self.source.name}: MuJoCo refuses the model with the answer's numbers: {one_line(error)}"
+            ) from error
 
     def copy(self) -> str:
         """Copy a model's files, and return the model's new name."""

@@ -1,7 +1,7 @@
 """Changes of a compiled model as edits of its text.
 
 The nominal and the wanted compiled model are compared number by number. Each difference is an attribute of a joint, a
-tendon, an actuator or a body's inertia. New fixed tendons are elements at the end of the tendon section.
+tendon, an actuator, a position or a body's inertia. New fixed tendons are elements at the end of the tendon section.
 """
 
 from dataclasses import dataclass, field
@@ -12,6 +12,7 @@ import numpy as np
 
 from vlab.signals import Array
 from vlab.standalone.mjcf_text import Element, ModelText, escaped
+from vlab.standalone.positions import POSITIONS, moved_text, tendon_lengths
 
 DIGITS = 10
 """DIGITS [1]: significant digits of a written number. Parameters are known to three or four; the rest keeps the written
@@ -41,7 +42,7 @@ NUMBERS = tuple(
     dict.fromkeys(
         f for table in (JOINT, TENDON) for fields in table.values() for f in fields
     )
-) + INERTIA + ACTUATOR[:5] + ACTUATOR[-2:]  # fmt: skip
+) + INERTIA + ACTUATOR[:5] + ACTUATOR[-2:] + (*POSITIONS.values(), "tendon_lengthspring")  # fmt: skip
 """Numbers that a law module can set in the compiled model where the text cannot."""
 _DYNTYPE = {0: "none", 1: "integrator", 2: "filter", 3: "filterexact"}
 _OF_SHORTCUTS = ("kp", "kv", "dampratio", "timeconst", "inheritrange")
@@ -108,7 +109,7 @@ def number_text(values: Any) -> str:
 
 
 def _all_text(values: Any) -> str:
-    return " ".join(f"{float(x):.{DIGITS}g}" for x in np.ravel(values))
+    return " ".join(f"{float(x) + 0.0:.{DIGITS}g}" for x in np.ravel(values))
 
 
 def patched(text: ModelText, nominal: Any, wanted: Any, *, can_rename: bool = True) -> ModelPatch:
@@ -136,9 +137,11 @@ def patched(text: ModelText, nominal: Any, wanted: Any, *, can_rename: bool = Tr
     for i in range(nominal.ntendon):
         element = found.find("tendon", nominal.tendon(i).name, i, nominal.ntendon)
         _set_numbers(out, element, f"tendon:{nominal.tendon(i).name or i}", TENDON, {"tendon": i}, (nominal, wanted))
+    with_moved_geoms = _set_positions(out, found, nominal, wanted)
     for i in range(1, nominal.nbody):
-        if any(_differs(getattr(nominal, f)[i], getattr(wanted, f)[i]) for f in INERTIA):
+        if i in with_moved_geoms or any(_differs(getattr(nominal, f)[i], getattr(wanted, f)[i]) for f in INERTIA):
             element = found.find("body", nominal.body(i).name, i - 1, nominal.nbody - 1)
+            element = element if found.has_own_inertias else None
             _set_inertia(out, element, f"body:{nominal.body(i).name or f'body{i}'}", i, (nominal, wanted))
     for i in range(nominal.nu):
         if any(_differs(getattr(nominal, f)[i], getattr(wanted, f)[i]) for f in ACTUATOR):
@@ -154,13 +157,29 @@ class _Elements:
 
     def __init__(self, text: ModelText) -> None:
         every = list(text.root.iterate())
-        self.is_plain = not any(e.tag in ("replicate", "attach", "flexcomp") for e in every)
+        self.is_plain = not any(e.tag in ("replicate", "attach", "composite", "flexcomp") for e in every)
         sections = text.root.children
+        compilers = [e.attributes for e in sections if e.tag == "compiler"]
+        self.is_fused = any(c.get("fusestatic") == "true" for c in compilers)
+        self.has_own_inertias = not self.is_fused and not any(
+            c.get("inertiafromgeom") == "true" or "settotalmass" in c for c in compilers
+        )
+        """Whether MuJoCo takes inertial elements as written."""
+        self.placed_by_default = {
+            e.tag
+            for section in sections
+            if section.tag == "default"
+            for e in section.iterate()
+            if e.attributes.keys() & {"pos", "fromto"}
+        }
+        """Kinds of elements whose position may come from a default."""
         worlds = [e for e in sections if e.tag == "worldbody"]
         bodies = [e for world in worlds for e in world.iterate() if e.tag == "body"]
         self.kinds: dict[str, list[Element]] = {
             "body": bodies,
-            "joint": [j for body in bodies for j in _joints_of(body)],
+            "joint": [j for body in bodies for j in _parts_of(body, ("joint", "freejoint"))],
+            "site": _of_world_and_bodies(worlds, bodies, "site"),
+            "geom": _of_world_and_bodies(worlds, bodies, "geom"),
             "tendon": [e for section in sections if section.tag == "tendon" for e in section.children],
             "actuator": [e for section in sections if section.tag == "actuator" for e in section.children],
         }
@@ -182,14 +201,19 @@ class _Elements:
         return every[index] if self.is_plain and len(every) == count else None
 
 
-def _joints_of(body: Element) -> list[Element]:
+def _parts_of(body: Element, tags: tuple[str, ...]) -> list[Element]:
+    """Return the elements of a body's own, in MuJoCo's order."""
     out = []
     for child in body.children:
-        if child.tag in ("joint", "freejoint"):
+        if child.tag in tags:
             out.append(child)
         elif child.tag == "frame":
-            out += _joints_of(child)
+            out += _parts_of(child, tags)
     return out
+
+
+def _of_world_and_bodies(worlds: list[Element], bodies: list[Element], tag: str) -> list[Element]:
+    return [part for body in (*worlds, *bodies) for part in _parts_of(body, (tag,))]
 
 
 def _differs(a: Any, b: Any) -> bool:
@@ -219,6 +243,41 @@ def _set_numbers(
         out.lost.append(label)
     elif new and element is not None:
         out.text.set(element, new)
+
+
+def _set_positions(out: ModelPatch, found: _Elements, nominal: Any, wanted: Any) -> set[int]:
+    """Move bodies, joints, sites and geoms, and return the bodies of moved geoms.
+
+    A spatial tendon without a stated spring length would take its length in the moved model, so the length is stated.
+    """
+    of_geoms, has_moved = set(), False
+    for kind, field_name in POSITIONS.items():
+        before, after = getattr(nominal, field_name), getattr(wanted, field_name)
+        first = 1 if kind == "body" else 0  # the world has no element
+        for i in range(first, len(before)):
+            if not _differs(before[i], after[i]):
+                continue
+            has_moved = True
+            name = getattr(nominal, kind)(i).name
+            of_geoms |= {int(nominal.geom_bodyid[i])} if kind == "geom" else set()
+            element = found.find(kind, name, i - first, len(before) - first)
+            label = f"{kind}:{name or i}"
+            new = None
+            if element is not None and not found.is_fused:
+                new = moved_text(element, after[i] - before[i], is_placed_by_default=kind in found.placed_by_default)
+            if element is None or new is None:
+                out.lost.append(label)
+                continue
+            out.text.set(element, {k: _all_text(v) for k, v in new.items()})
+            out.changes.append(
+                Changed(element=label, attribute="pos", before=_all_text(before[i]), after=_all_text(after[i]))
+            )
+    for i in tendon_lengths(nominal, wanted) if has_moved else ():
+        element = found.find("tendon", nominal.tendon(i).name, i, nominal.ntendon)
+        if element is not None:
+            low, high = wanted.tendon_lengthspring[i]
+            out.text.set(element, {"springlength": _all_text(low if low == high else (low, high))})
+    return of_geoms
 
 
 def _set_inertia(out: ModelPatch, element: Element | None, label: str, i: int, models: tuple[Any, Any]) -> None:
@@ -272,7 +331,8 @@ def _set_actuator(
         new |= {"nsample": str(samples), "interp": "linear", "delay": _all_text(wanted.actuator_delay[i])}
     parameters = changed & set(ACTUATOR[:3]) | changed & {"actuator_biastype", "actuator_dyntype", "actuator_actearly"}
     if parameters and element is not None:
-        short = _shortcut(element, i, wanted, parameters)
+        is_braked = bool(nominal.actuator_biasprm[i, 2] != wanted.actuator_biasprm[i, 2])
+        short = _shortcut(element, i, wanted, parameters, is_braked=is_braked)
         if short is None:
             if element.tag in _INPUTS and can_rename:
                 tag = "general"
@@ -299,14 +359,19 @@ def _before(nominal: Any, i: int, attribute: str) -> str:
     return ""
 
 
-def _shortcut(element: Element, i: int, wanted: Any, changed: set[str]) -> dict[str, str | None] | None:
-    """Return the attributes of a servo's shortcut, or None."""
+def _shortcut(
+    element: Element, i: int, wanted: Any, changed: set[str], *, is_braked: bool
+) -> dict[str, str | None] | None:
+    """Return the attributes of a servo's shortcut, or None.
+
+    A changed velocity feedback (`is_braked`) is stated even where the text leaves it to a default.
+    """
     gain, bias = wanted.actuator_gainprm[i], wanted.actuator_biasprm[i]
     if changed - {"actuator_gainprm", "actuator_biasprm"} or np.any(gain[1:]) or np.any(bias[3:]) or bias[0] != 0:
         return None
     if element.tag == "position" and bias[1] == -gain[0]:
         out: dict[str, str | None] = {"kp": number_text(gain[0])}
-        if "kv" in element.attributes or "dampratio" in element.attributes:
+        if is_braked or "kv" in element.attributes or "dampratio" in element.attributes:
             out |= {"kv": number_text(-bias[2]), "dampratio": None}
         return out
     if element.tag == "velocity" and bias[1] == 0 and bias[2] == -gain[0]:

@@ -14,6 +14,7 @@ import mujoco
 from vlab.physics.attach import Attached, actuators_at, attach
 from vlab.physics.native import Spring, add_springs, numbers, springs
 from vlab.plants.mjcf import MjcfPlant
+from vlab.plants.numbers import numbers_into_spec
 
 TAU_SAMPLES = 1.0
 """TAU_SAMPLES [1]: least delay in integration steps that MuJoCo can hold; its ring buffer is read before it is
@@ -102,8 +103,7 @@ def native_parts(
         native[one.label] = "numbers of the actuator" if "servo" in one.effect.needs else "numbers of the model"
         del reasons[one.label]
     spec = plant.spec.copy()
-    spec.compile()
-    spec.copy_back(running.model)
+    numbers_into_spec(spec, running.model)
     for change in into.changes:
         change(spec)
     for one, beside in extra:

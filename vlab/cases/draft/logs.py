@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from vlab import units
+from vlab.cases.channel_map import FAR_S
 from vlab.errors import BadCase, unknown_name
 from vlab.files.text import one_line
 from vlab.recordings.datasets import EPISODE, episodes_in, open_any, read_dataset
-from vlab.recordings.overview import ColumnOverview, overview
+from vlab.recordings.overview import ColumnOverview, kind_of, overview
 from vlab.recordings.selection import parse_where, select_rows
 from vlab.recordings.table import MOST_LISTED, READERS, Table
 
@@ -161,12 +162,16 @@ def choose_clock(log: Log, *, time: str | None = None, rate_hz: float | None = N
     ------
     BadCase
         No column counts the time, or the times start again.
+    BadRecording
+        A column named for a time holds text other than time stamps.
     """
     if rate_hz is not None:
         return LogClock(time=None, rate_hz=rate_hz, why="the rate as stated")
     where = one_line(log.path)
     if time is not None:
         found = next((c for c in log.columns if time in (c.name, log.label(c.name))), None)
+        if found is None and time in log.table.refused:
+            log.table.real(time)  # raises the reason
         if found is None:
             raise unknown_name("time column", time, [c.name for c in log.columns][:MOST_LISTED], where=where)
         return _clock(log, found, "as stated")
@@ -174,6 +179,9 @@ def choose_clock(log: Log, *, time: str | None = None, rate_hz: float | None = N
     if named:
         best = max(named, key=lambda c: (bool(c.unit), c.blank == 0))
         return _clock(log, best, "its name, and its values increase")
+    unread = [name for name in log.table.refused if kind_of(name) == "time"]
+    for name in (name for name in unread if "time stamp" in log.table.refused[name]):
+        log.table.real(name)  # raises the reason, as a column that grows evenly may be no time
     again = next((c for c in log.columns if c.kind.startswith("time, starts again")), None)
     if again is not None:
         raise BadCase(
@@ -186,6 +194,8 @@ def choose_clock(log: Log, *, time: str | None = None, rate_hz: float | None = N
     steady = [c for c in log.columns if not c.kind and _is_steady(log.table[c.name])]
     if steady:
         return _clock(log, steady[0], "its values increase evenly", is_sure=False)
+    for name in unread:
+        log.table.real(name)  # raises the reason
     listed = ", ".join(one_line(c.name) for c in log.columns[:MOST_LISTED])
     raise BadCase(
         f"{where}: no column counts the time (columns: {listed}); state the sample rate with --rate-hz, or the column with "
@@ -266,10 +276,10 @@ def divide(logs: Sequence[Log], clock: LogClock) -> tuple[Part, ...]:
     start, stop = _span(log, clock)
     grain = 10.0 ** math.floor(math.log10(stop - start)) / 100.0
     cut = round(round((start + (stop - start) * (1.0 - 1.0 / HELD_OUT)) / grain) * grain, 9)
-    stem = log.path.stem
+    stem, shown = log.path.stem, cut - start if abs(start) > FAR_S else cut  # as a run counts its times
     return (
-        Part(paths=(log.path,), role="fit", stop_s=cut, name=f"{stem} before {cut:.6g} s", episodes=log.episodes),
-        Part(paths=(log.path,), role="holdout", start_s=cut, name=f"{stem} from {cut:.6g} s", episodes=log.episodes),
+        Part(paths=(log.path,), role="fit", stop_s=cut, name=f"{stem} before {shown:.6g} s", episodes=log.episodes),
+        Part(paths=(log.path,), role="holdout", start_s=cut, name=f"{stem} from {shown:.6g} s", episodes=log.episodes),
     )
 
 

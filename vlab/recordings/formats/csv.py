@@ -1,20 +1,19 @@
 """CSV recordings: strict reader, and vlab's own labelled form.
 
 A file has optional title lines, one header line with names, an optional line of units, and then numbers only. Lines
-starting with ``#`` are comments. A name may end with its unit in brackets. Between semicolons or tabs a comma is a
+starting with ``#`` are comments. A column may hold time stamps as text. A name may end with its unit in brackets. Between semicolons or tabs a comma is a
 decimal sign if no number has a point.
 
 pyarrow reads an ordinary file fast. A file that pyarrow refuses is read again line by line; the slow reader accepts
 complex numbers and locates the fault.
 """
 
-import io
 import math
 import re
 from array import array
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,8 @@ from vlab.errors import BadRecording
 from vlab.recordings.files import refuse
 from vlab.recordings.formats.cells import cut_line, parse_number
 from vlab.recordings.formats.csv_labels import SIGNATURE, read_labels
+from vlab.recordings.formats.text_stamps import lines_of, read_stamps
+from vlab.recordings.stamps import is_stamp
 from vlab.recordings.table import (
     EVERY,
     MAX_COLUMNS,
@@ -35,7 +36,6 @@ from vlab.recordings.table import (
     unknown_column,
 )
 
-_LONGEST_LINE = 2**20  # ten thousand columns of a hundred characters
 _LONGEST_PREAMBLE = 2 * MAX_COLUMNS
 _MOST_TITLES = 100
 BLANK_WORDS = ["", "NaN", "nan", "NAN", "NA", "N/A", "null", "NULL", "None"]
@@ -59,6 +59,7 @@ class _Layout:
     units: tuple[str, ...] = ()  # units by column, from a line of their own
     titles: int = 0  # lines before the header
     blank: frozenset[int] = frozenset()  # columns that may have blank cells
+    stamps: Mapping[int, str] = field(default_factory=dict)  # columns of time stamps, with the first one
 
     def fail(self, line: int, what: str, *, fix: str = "") -> BadRecording:
         return refuse(self.path, f"line {line}: {what}", fix=fix)
@@ -120,8 +121,9 @@ def read(
         data, notes = data[: layout.offset] + body, ("commas are read as decimal signs",)
     if blanks is EVERY and labels is None:
         return _each(data, layout, notes)
-    values = _fast(data, layout) or _slow(data, layout)
+    values = _values(data, layout)
     found = {layout.names[i]: v for i, v in zip(layout.keep, values, strict=True)}
+    notes = (*notes, *_on_stamps(layout))
     is_whole = data.endswith((b"\n", b"\r"))
     if labels is None:
         if layout.titles:
@@ -146,20 +148,20 @@ def _each(data: bytes, layout: _Layout, notes: tuple[str, ...]) -> Table:
     found: dict[str, NDArray[Any]] = {}
     refused: dict[str, str] = {}
     try:
-        values = _fast(data, layout) or _slow(data, layout)
+        values = _values(data, layout)
         found = {layout.names[i]: v for i, v in zip(layout.keep, values, strict=True)}
     except BadRecording:
         for i in layout.keep:
             one = replace(layout, keep=(i,), blank=frozenset({i}))
             try:
-                found[layout.names[i]] = (_fast(data, one) or _slow(data, one))[0]
+                found[layout.names[i]] = _values(data, one)[0]
             except BadRecording as error:
                 refused[layout.names[i]] = str(error).removeprefix(f"{layout.path}: ")
     return Table(
         path=layout.path,
         columns=found,
         refused=refused,
-        notes=notes,
+        notes=(*notes, *_on_stamps(replace(layout, keep=tuple(i for i in layout.keep if layout.names[i] in found)))),
         units=_stated_units(layout),
         blanks=frozenset(found),
     )
@@ -168,28 +170,13 @@ def _each(data: bytes, layout: _Layout, notes: tuple[str, ...]) -> Table:
 # ---------------------------------------------------------------------------------------------- the shape of a file
 
 
-def _lines(data: bytes, path: Path, offset: int = 0) -> Iterator[tuple[int, bytes]]:
-    """Yield the offset and the bytes of each line."""
-    stream = io.BytesIO(data)
-    stream.seek(offset)
-    while line := stream.readline(_LONGEST_LINE + 1):
-        if len(line) > _LONGEST_LINE:
-            raise refuse(
-                path,
-                f"a line of more than {_LONGEST_LINE} bytes",
-                fix="not a text file of numbers, or its line ends are missing",
-            )
-        yield offset, line
-        offset += len(line)
-
-
 def _layout(data: bytes, path: Path, names: Sequence[str] | None, *, is_lenient: bool = False) -> _Layout:
     """Find comments, delimiter, header and first numbers.
 
     A lenient search takes blank cells beside numbers for numbers.
     """
     comments, content = [], []
-    for number, (offset, raw) in enumerate(_lines(data, path), start=1):
+    for number, (offset, raw) in enumerate(lines_of(data, path), start=1):
         if number > _LONGEST_PREAMBLE:
             raise refuse(path, f"no numbers in the first {_LONGEST_PREAMBLE} lines", fix="check what was exported")
         try:
@@ -212,10 +199,10 @@ def _layout(data: bytes, path: Path, names: Sequence[str] | None, *, is_lenient:
     width, trailing = len(cells), len(cells) > 1 and not cells[-1]
     cells = cells[:-1] if trailing else cells
     numeric = [_is_number(cell, delimiter) for cell in cells]
-    if any(numeric) and not all(
-        is_one or (is_lenient and not cell) for is_one, cell in zip(numeric, cells, strict=True)
-    ):
-        bad = cells[numeric.index(False)]
+    stamps = {i: cell for i, cell in enumerate(cells) if is_stamp(cell)}
+    fits = [is_one or i in stamps or (is_lenient and not cells[i]) for i, is_one in enumerate(numeric)]
+    if any(numeric) and not all(fits):
+        bad = cells[fits.index(False)]
         raise refuse(
             path,
             f"line {number} is neither a header nor numbers: {bad!r} beside numbers",
@@ -229,7 +216,8 @@ def _layout(data: bytes, path: Path, names: Sequence[str] | None, *, is_lenient:
                 fix="the file is truncated or the export was empty",
             )
         header = cells
-        number, offset, _ = content[2 if units else 1]
+        number, offset, text = content[2 if units else 1]
+        stamps = {i: cell for i, cell in enumerate(cut_line(text, delimiter, path, number)) if is_stamp(cell)}
     else:
         header = _commented_names(comments, delimiter, len(cells)) or [f"c{i + 1}" for i in range(len(cells))]
     chosen = tuple(header if names is None else names)
@@ -246,6 +234,7 @@ def _layout(data: bytes, path: Path, names: Sequence[str] | None, *, is_lenient:
         comments=tuple(comments),
         units=units[: len(chosen)],
         titles=titles,
+        stamps=stamps,
     )
 
 
@@ -264,8 +253,9 @@ def _cells(text: str, delimiter: str) -> list[str]:
 
 def _is_all_numbers(text: str, *, is_lenient: bool) -> bool:
     delimiter = _delimiter(text)
-    numeric = [_is_number(cell, delimiter) or (is_lenient and not cell) for cell in _cells(text, delimiter)]
-    return all(numeric) and any(_is_number(cell, delimiter) for cell in _cells(text, delimiter))
+    cells = _cells(text, delimiter)
+    fits = [_is_number(c, delimiter) or is_stamp(c.strip('"')) or (is_lenient and not c) for c in cells]
+    return all(fits) and any(_is_number(cell, delimiter) for cell in cells)  # a stamp alone is a title
 
 
 def _above_numbers(content: list[tuple[int, int, str]], *, is_lenient: bool) -> tuple[int, tuple[str, ...]]:
@@ -302,10 +292,17 @@ def _stated_units(layout: _Layout) -> dict[str, str]:
 
     The units are on a line of their own, or in brackets behind the names.
     """
+    seconds = {layout.names[i]: "s" for i in layout.keep if i in layout.stamps}
     if layout.units:
-        return {layout.names[i]: layout.units[i].strip("[]() ") for i in layout.keep}
+        return {layout.names[i]: layout.units[i].strip("[]() ") for i in layout.keep} | seconds
     found = {layout.names[i]: _BRACKETED.fullmatch(layout.names[i].strip()) for i in layout.keep}
-    return {name: match[1].strip() for name, match in found.items() if match is not None}
+    return {name: match[1].strip() for name, match in found.items() if match is not None} | seconds
+
+
+def _on_stamps(layout: _Layout) -> list[str]:
+    """Return remarks on columns of time stamps."""
+    read = [i for i in layout.keep if i in layout.stamps]
+    return [f"{layout.names[i]}: time stamps from {layout.stamps[i]} on are read in seconds" for i in read]
 
 
 def _has_decimal_commas(data: bytes, layout: _Layout) -> bool:
@@ -318,7 +315,8 @@ def _has_decimal_commas(data: bytes, layout: _Layout) -> bool:
     end = data.find(b"\n", layout.offset)
     text = data[layout.offset : end if end >= 0 else len(data)].decode("utf-8", errors="replace")
     cells = [cell.strip() for cell in text.split(layout.delimiter)]
-    return "." not in text and any(_DECIMAL_COMMA.fullmatch(cell) for cell in cells)
+    cells = [cell for cell in cells if not is_stamp(cell.strip('"'))]
+    return "." not in "".join(cells) and any(_DECIMAL_COMMA.fullmatch(cell) for cell in cells)
 
 
 def _commented_names(comments: list[str], delimiter: str, n_columns: int) -> list[str]:
@@ -349,6 +347,19 @@ def _check_names(names: tuple[str, ...], n_columns: int, path: Path) -> None:
 
 
 # ------------------------------------------------------------------------------------------------------ the numbers
+
+
+def _values(data: bytes, layout: _Layout) -> list[NDArray[Any]]:
+    """Return the columns to read; time stamps in seconds."""
+    plain = replace(layout, keep=tuple(i for i in layout.keep if i not in layout.stamps))
+    numbers = _fast(data, plain) or _slow(data, plain) if plain.keep else []
+    found = dict(zip(plain.keep, numbers, strict=True))
+    for is_blank in (False, True):
+        some = {i: layout.column(i) for i in layout.stamps if i in layout.keep and (i in layout.blank) == is_blank}
+        if some:
+            first, blanks = (layout.offset, layout.line), BLANK_WORDS if is_blank else []
+            found |= read_stamps(data, layout.path, first, layout.delimiter, some, starts=layout.stamps, blanks=blanks)
+    return [found[i] for i in layout.keep]
 
 
 def _fast(data: bytes, layout: _Layout) -> list[NDArray[Any]] | None:
@@ -388,7 +399,7 @@ def _slow(data: bytes, layout: _Layout) -> list[NDArray[Any]]:
     """Read line by line and locate the first fault."""
     real, imaginary = array("d"), array("d")
     delimiter, blank = layout.delimiter.encode(), 0
-    for number, (offset, raw) in enumerate(_lines(data, layout.path, layout.offset), start=layout.line):
+    for number, (offset, raw) in enumerate(lines_of(data, layout.path, layout.offset), start=layout.line):
         row = [] if blank or imaginary else _plain_row(raw, delimiter, layout)
         if row:
             real.extend(row)
@@ -451,7 +462,9 @@ def _cell(layout: _Layout, line: int, index: int, cell: str, is_last: bool) -> c
         )
     if value is None:
         fix = "lines after the header hold numbers only"
-        if re.fullmatch(r"[+-]?\d+,\d+", cell):
+        if is_stamp(cell):
+            fix = "write time stamps in every line, or numbers"
+        elif re.fullmatch(r"[+-]?\d+,\d+", cell):
             fix = "use a point as the decimal sign"
         elif len(cell.split()) > 1:
             fix = "separate the columns by comma, semicolon or tab"

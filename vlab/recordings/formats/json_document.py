@@ -9,8 +9,9 @@ import numpy as np
 
 from vlab.recordings import files
 from vlab.recordings.files import refuse
-from vlab.recordings.formats.records import table_of
+from vlab.recordings.formats.records import stamps_of, table_of
 from vlab.recordings.formats.variables import Damaged, Skipped, Variables
+from vlab.recordings.stamps import FORM, BadStamp, is_stamp, read_stamp, seconds_from
 from vlab.recordings.table import Table
 from vlab.recordings.workers.rows import DEEPEST, Rows
 
@@ -94,13 +95,23 @@ def _collect(found: Variables, name: str, value: Any, limit: int, depth: int) ->
         raise ValueError(f"objects are nested more than {DEEPEST} deep")
     if _is_records(value):
         rows = _rows(value, limit)
-        for key, column in rows.arrays().items():
+        times, faults = stamps_of(rows)
+        for key, column in (rows.arrays() | times).items():
             found.add(f"{name}.{key}", column)
-        for key, why in rows.refused.items():
-            found.refused[f"{name}.{key}"] = why
+        for key, why in (rows.refused | faults).items():
+            if key not in times:
+                found.refused[f"{name}.{key}"] = why
+        found.units |= {f"{name}.{key}": "s" for key in times}
     elif isinstance(value, dict):
         for key, part in value.items():
             _collect(found, f"{name}.{key}" if name else str(key), part, limit, depth + 1)
+    elif isinstance(value, list) and value and isinstance(value[0], str) and is_stamp(value[0]):
+        texts = [part if isinstance(part, str | None) else str(part) for part in value]
+        try:
+            found.add(name, seconds_from(read_stamp(value[0]), texts))
+            found.units[name] = "s"
+        except BadStamp as error:
+            found.refused[name] = f"element {error.row + 1} {error.what}; write all stamps of a list as {FORM}"
     elif isinstance(value, list):
         found.add(name, _array(value))
     elif isinstance(value, int | float):

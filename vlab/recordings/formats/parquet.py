@@ -1,4 +1,4 @@
-"""Parquet recordings: vlab's native form, and numeric columns of foreign files.
+"""Parquet recordings: vlab's native form, and columns of numbers or times of foreign files.
 
 A run has a ``time`` column [s] and one float64 column a channel. The metadata of each field hold kind, unit, place and
 direction; those of the file hold the format version and the notes. Page checksums do not cover page headers, and a
@@ -20,6 +20,7 @@ import pyarrow.parquet as pq
 from vlab.recordings import files
 from vlab.recordings.files import PathLike, refuse, written_whole
 from vlab.recordings.formats import vectors
+from vlab.recordings.formats.parquet_times import first_times, is_time, time_fields, to_seconds
 from vlab.recordings.isolated import read_isolated
 from vlab.recordings.table import (
     FORMAT_VERSION,
@@ -134,13 +135,20 @@ def read(
     if len(schema.names) > MAX_COLUMNS:
         raise refuse(path, f"the file declares {len(schema.names)} columns, at most {MAX_COLUMNS} are read")
     refused, wanted = _choose(schema, columns)
-    declared, limit = 8 * _values(data, path, file, wanted), files.unpacked_limit(len(data))
+    times = time_fields(schema) if set(wanted) & set(time_fields(schema)) else []
+    declared, limit = (
+        8 * _values(data, path, file, list(dict.fromkeys([*wanted, *times]))),
+        files.unpacked_limit(len(data)),
+    )
     if rows < 1 or declared > limit:
         raise refuse(path, f"the file declares {rows} rows, {declared} bytes unpacked; 1 to {limit} bytes are read")
     table = file.read(columns=wanted, use_threads=False)
     found: dict[str, Any] = {}
+    zeros = first_times(file, times)
     for field_name in wanted:
-        for name, values in vectors.elements(field_name, table.column(field_name), refused):
+        column = table.column(field_name)
+        column = to_seconds(column, zeros[field_name]) if field_name in zeros else column
+        for name, values in vectors.elements(field_name, column, refused):
             if columns is not None and name not in columns:
                 continue
             numbers = _numbers(values, may_be_blank=name in blanks)
@@ -158,7 +166,8 @@ def read(
     }
     if "vlab-recording" not in metadata:
         gappy = frozenset(name for name in found if name in blanks)
-        return Table(path=path, columns=found, refused=refused, meta=metadata, blanks=gappy)
+        seconds = {name: "s" for name in zeros if name in found}
+        return Table(path=path, columns=found, refused=refused, meta=metadata, blanks=gappy, units=seconds)
     check_version(metadata["vlab-recording"], path)
     if refused:
         raise refuse(
@@ -203,7 +212,7 @@ def _choose(schema: Any, columns: Sequence[str] | None) -> tuple[dict[str, str],
             continue
         if times[field.name] > 1:
             refused[field.name] = "the name stands more than once in the file"
-        elif vectors.is_numeric(field.type) or vectors.is_vector(field.type):
+        elif vectors.is_numeric(field.type) or vectors.is_vector(field.type) or is_time(field.type):
             wanted.append(field.name)
         else:
             refused[field.name] = f"it holds {field.type}, not numbers; a time must be in seconds"

@@ -10,10 +10,14 @@ from pathlib import Path
 
 from vlab.recordings.formats import csv
 from vlab.recordings.formats.cells import parse_number
+from vlab.recordings.stamps import is_stamp
 from vlab.recordings.table import Table
 
 _COMMENTS = (b"%", b"#", b"//", b"!")
 _LOOKED_AT = 2**16  # bytes that decide on the delimiter
+_DATED = re.compile(
+    rb"(?<!\d)(\d{4}-\d{2}-\d{2}) (?=\d{1,2}:\d{2}:\d{2})"
+)  # a blank inside of a stamp separates no cells
 _RUNS = re.compile(rb"[ \t]+")
 _ENDS = re.compile(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)")
 
@@ -51,6 +55,7 @@ def read(
     BadRecording
         The file is damaged, truncated or not numeric.
     """
+    data = _DATED.sub(rb"\1T", data)
     first, count = _first_numbers(data)
     head = [_commented(line) for line in data[:first].splitlines(keepends=True)]
     body = data[first:]
@@ -69,7 +74,9 @@ def _first_numbers(data: bytes) -> tuple[int, int]:
     for line in data[:_LOOKED_AT].splitlines(keepends=True):
         text = line.decode("utf-8", errors="replace").strip()
         cells = text.split()
-        is_numbers = bool(cells) and all(_is_number(cell) for cell in cells) and "\t" not in text
+        numeric = [_is_number(cell) for cell in cells]
+        fits = all(is_one or is_stamp(cell) for is_one, cell in zip(numeric, cells, strict=True))
+        is_numbers = any(numeric) and fits and "\t" not in text
         if is_numbers and (len(cells) > 1 or "," not in text):
             return offset, len(cells)
         offset += len(line)

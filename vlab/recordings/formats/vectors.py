@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from vlab.recordings.formats.parquet_times import is_time
 from vlab.recordings.table import MAX_COLUMNS
 
 
@@ -105,7 +106,7 @@ def all_names(file: Any) -> list[str]:
     row = next(file.iter_batches(batch_size=1, columns=vectors), None) if vectors else None
     out: list[str] = []
     for field in file.schema_arrow:
-        if is_numeric(field.type):
+        if is_numeric(field.type) or is_time(field.type):
             out.append(field.name)
         elif row is not None and field.name in vectors:
             out += [name for name, _ in elements(field.name, pa.chunked_array([row.column(field.name)]), {})]

@@ -14,6 +14,9 @@ LONGEST_LIST = 1000
 """LONGEST_LIST [1]: longest list whose elements become columns; a longer list is an image or a map."""
 DEEPEST = 20
 """DEEPEST [1]: deepest nesting of a record."""
+LONGEST_STAMP = 45
+"""LONGEST_STAMP [1]: characters of the longest text that may be a time stamp."""
+_STAMP_SIZE = 12  # memory of a text that may be a time stamp, in numbers
 _WHOLE = 2**53  # largest integer exact in a double
 
 
@@ -30,6 +33,8 @@ class Rows:
         self.limit, self.count = limit, 0
         self.columns: dict[str, array[float]] = {}
         self.refused: dict[str, str] = {}
+        self.texts: dict[str, list[str | None]] = {}
+        """Texts that may be time stamps, by name; None where a record has none."""
 
     def add(self, record: Any, prefix: str = "") -> None:
         """Add one record; a value that a record lacks is NaN.
@@ -48,7 +53,7 @@ class Rows:
         """
         self._put(prefix, record, 0, is_top=True)
         self.count += 1
-        if 8 * self.count * len(self.columns) > self.limit:
+        if 8 * self.count * (len(self.columns) + _STAMP_SIZE * len(self.texts)) > self.limit:
             raise ValueError(f"{self.count} records of {len(self.columns)} values are more than {self.limit} bytes")
 
     def _put(self, name: str, value: Any, depth: int, *, is_top: bool = False) -> None:
@@ -68,7 +73,17 @@ class Rows:
         elif value is None or isinstance(value, int | float):
             self._number(name, np.nan if value is None else float(value))
         else:
+            if isinstance(value, str):
+                self._text(name, value)
             self.refused.setdefault(name, "it is text, not numbers; a time must be in seconds")
+
+    def _text(self, name: str, value: str) -> None:
+        if name not in self.texts and (not value[:1].isdigit() or len(value) > LONGEST_STAMP):
+            return
+        texts = self.texts.setdefault(name, [])
+        texts.extend([None] * (self.count - len(texts)))
+        if len(texts) == self.count:
+            texts.append(value.strip()[: LONGEST_STAMP + 1])
 
     def _number(self, name: str, value: float) -> None:
         column = self.columns.get(name)

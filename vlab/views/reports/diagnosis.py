@@ -79,6 +79,7 @@ def write_diagnosis(done: Done | RejectedCase, folder: Path) -> list[Section]:
     files = write_extended_model(done, folder)
     document = {
         **done.diagnosis.to_json(),
+        "notes": [*done.diagnosis.notes, *files.notes],
         "amended": {"files": list(files.files), "effects": list(files.tables), "nrmse_run_again": files.nrmse},
         "mujoco": None if files.mujoco is None else files.mujoco.to_json(),
     }
@@ -487,8 +488,7 @@ def _without_vlab(files: ExtendedModelFiles) -> list[Section]:
     """Return the section on files for MuJoCo alone, if any."""
     title, answer = "The answer without vlab", files.mujoco
     if answer is None:
-        why = f"The answer could not be written for MuJoCo alone: {files.mujoco_note}."
-        return [Section(title=title, text=(why,))] if files.mujoco_note else []
+        return [Section(title=title, text=tuple(f"{note}." for note in files.notes))] if files.notes else []
     named = ", ".join(f"{FOLDER}/{name}" for name in answer.files)
     text = [f"{named}: your model file with its changes, for MuJoCo alone."]
     if answer.uses:
