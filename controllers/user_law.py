@@ -113,7 +113,7 @@ def load_user_law(text: str) -> Controller:
         if not colon or not path.endswith(".py") or not name.isidentifier():
             raise BadController(f"the law {text!r} names no class of a file; write {FORM}")
         made_by = class_from_file(Path(path), name)
-    law = _instance(made_by, text)
+    law = instance(made_by, text)
     return law if type(law) in (DirectRateFeedback, LinearLaw) else GuardedLaw(law, text)  # check themselves
 
 
@@ -298,10 +298,27 @@ def from_entry_point(
         ) from failure
 
 
-def _instance(made_by: Any, text: str) -> Any:
+def instance(made_by: Any, text: str) -> Any:
     """Return an object from a class, function or object.
 
     A class or function is called without arguments.
+
+    Parameters
+    ----------
+    made_by : object
+        Class, function, or the law itself.
+    text : str
+        Name of the law, for messages.
+
+    Returns
+    -------
+    object
+        Law, not yet checked.
+
+    Raises
+    ------
+    BadController
+        The class or function fails without arguments.
     """
     if not callable(made_by) or (callable(getattr(made_by, "step", None)) and not isinstance(made_by, type)):
         return made_by

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -14,6 +15,7 @@ from vlab.api.diagnosis import candidate_effects
 from vlab.errors import BadExperiment, OutputRefused, UnknownName
 from vlab.physics.catalogue import CANDIDATES
 from vlab.physics.port_linear import ViscousDamping
+from vlab.views.reports.diagnosis_summary import title_of
 
 
 def carriage(**more):
@@ -144,3 +146,27 @@ def test_own_effects_stand_beside_the_catalogue():
 def test_impossible_settings_are_refused_before_the_case_is_read(settings):
     with pytest.raises(BadExperiment):
         vlab.diagnose("no-such-case", **settings)
+
+
+def test_a_bad_recording_says_why(result):
+    bad = replace(result.done.diagnosis, verdict="bad-recording", findings=(), quality=("run1: gap <1>", "second"))
+    shown = vlab.Diagnosis(result.case, replace(result.done, diagnosis=bad))
+    assert repr(shown).splitlines() == [f"<Diagnosis of {bad.title!r}: bad-recording>", "  run1: gap <1>"]
+    assert "The recordings are damaged, so the model was not judged. Run1: gap &lt;1&gt;." in shown._repr_html_()
+
+
+@pytest.mark.slow
+def test_a_page_alone_names_no_file_that_is_not_beside_it(result, tmp_path):
+    page = result.report(tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "amended.toml" not in page
+    assert "Next, in this folder" not in page
+    folder = result.save(tmp_path / "folder")
+    assert "vlab compare amended.toml" in (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_diagnosis_without_a_title_is_headed_by_its_model(result):
+    t, force, position = run(1)
+    untitled = vlab.Case.from_arrays(MODEL, t, {"motor": force}, {"encoder": position})
+    assert title_of("", untitled) == "Diagnosis: model.xml"
+    assert title_of("Carriage", untitled) == "Diagnosis: Carriage"
+    assert repr(untitled).startswith("<Case of model.xml: ")

@@ -2,12 +2,14 @@
 
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from command import run as run_summary
-from scipy import signal
+from scipy import linalg, signal
 
+from vlab.lab.plant_modes import plant_modes
 from vlab.lab.run_folder import RunSettings, perform
 from vlab.views.reports import modal_test as modal_test_report
 
@@ -178,3 +180,44 @@ def test_the_plant_beside_the_test(capsys, tmp_path, monkeypatch):
     status, text, _ = run(capsys, "modal-test", runs[0], *SENSORS, "--band", 8, 17, "--modes", 2, "--against-plant")
     assert status == 1  # one of the three is missing
     assert "2 of 3 modes of the plant found" in text
+
+
+def test_the_modes_of_the_plant_are_those_of_its_steps():
+    # a semi-implicit step raises 50 Hz by (omega dt)^2 / 24 = 0.1 % at 2 kHz, more than the noise of any estimate
+    plant = RunSettings(structure="beam").prepare().plant
+    modes = plant_modes(plant, ["sensor:base", "sensor:20in", "sensor:40in"], low_hz=1.0, high_hz=60.0)
+    linear = plant.linearise()
+    exact = np.sqrt(np.sort(linalg.eigh(linear.K, linear.M, eigvals_only=True))) / (2 * np.pi)
+    last = exact[np.argmin(np.abs(exact - modes.freq[-1]))]
+    omega, h = 2 * np.pi * last, plant.timestep
+    grown = (omega * h) ** 2 / 24 + modes.zeta[-1] * omega * h / 2
+    assert modes.freq[-1] / last - 1 == pytest.approx(grown, rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_modal_test_on_the_defaults_holds_against_the_plant(capsys, tmp_path):
+    assert run(capsys, "experiment", "beam", "--out", tmp_path / "run")[0] == 0
+    status, text, err = run(capsys, "modal-test", tmp_path / "run", "--against-plant")
+    assert (status, err) == (0, "")
+    assert "8 of 8 modes of the plant found" in text
+
+
+@pytest.mark.parametrize(
+    ("band", "words"),
+    [((0.1, 2.0), "beside 2 identified modes: noise"), ((3.0, 4.0), "where no mode was identified; if that is noise")],
+)
+def test_a_band_with_modes_is_not_to_be_excluded(band, words):
+    poles = SimpleNamespace(residual=0.5, freq=np.array([0.7, 1.9, 8.0]), confidence=np.ones(3), freq_sd=np.zeros(3))
+    result = SimpleNamespace(
+        notes=(), poles=poles, misfit_band=lambda: band, signals=(), skipped_s=(), still_ringing=lambda: np.zeros(3)
+    )
+    (line,) = [text for text in modal_test_report.doubts(result) if "90 %" in text]
+    assert words in line
+    assert ("--band" in line) == ("no mode" in line)
+
+
+def test_a_written_folder_is_named(capsys, hammer_csv, tmp_path, monkeypatch):
+    monkeypatch.setattr(modal_test_report, "DRAWN", 1)
+    status, text, err = run(capsys, "modal-test", hammer_csv, *LABELS, "--out", tmp_path / "out")
+    assert (status, err) == (0, "")
+    assert f"written to {tmp_path / 'out'}: report.html" in text

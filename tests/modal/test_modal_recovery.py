@@ -7,6 +7,7 @@ its frequencies rise by 0.15 %, which the separation of distortion shows.
 
 import itertools
 
+import numpy as np
 import pytest
 
 from vlab.lab.excitation import Multisine
@@ -81,7 +82,11 @@ def test_plant_modes_see_displacements_and_velocities_alike():
     true = plant_modes(prepared.plant, outputs, low_hz=1.0, high_hz=28.0)
     fe = prepared.fe_model()
     shapes = fe.deflections([tap.at for tap in prepared.plant.sensors]) @ fe.linear.eigen[1][:, :6]
-    assert true.freq == pytest.approx(fe.linear.freq[:6], rel=1e-6)
+    omega, zeta, h = fe.linear.eigen[0][:6], fe.linear.zeta[:6], prepared.plant.timestep
+    a, b = 2 * zeta * omega * h, (omega * h) ** 2  # (1 + a) z^2 - (2 + a - b) z + 1: implicit dampers
+    z = [np.roots([1.0 + p, -(2.0 + p - q), 1.0])[0] for p, q in zip(a, b, strict=True)]
+    assert true.freq == pytest.approx(np.abs(np.log(z)) / h / (2 * np.pi), rel=1e-8)
+    assert true.freq == pytest.approx(fe.linear.freq[:6], rel=1e-3)
     for j in range(6):  # an independent path: FE rows instead of MuJoCo's sensors
         alike = abs(true.shapes[:, j].conj() @ shapes[:, j]) ** 2
         assert alike == pytest.approx((abs(true.shapes[:, j]) ** 2).sum() * shapes[:, j] @ shapes[:, j], rel=1e-6)

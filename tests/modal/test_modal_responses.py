@@ -397,7 +397,7 @@ def test_a_file_with_records_and_responses(tmp_path):
     t = np.arange(4000) / 1000
     rng = np.random.default_rng(0)
     np.savez(tmp_path / "both.npz", time=t, x=rng.standard_normal(t.size), y=rng.standard_normal(t.size), H=1j * t)
-    with pytest.raises(BadRecording, match="no column is named f or frequency; name it with --frequency"):
+    with pytest.raises(BadRecording, match="no column is named f or frequency; name it with frequency="):
         vlab.modal_test(tmp_path / "both.npz")
     with pytest.raises(BadRecording, match="no mode found"):  # read as records in time
         vlab.modal_test(tmp_path / "both.npz", inputs=["x=force,N"], outputs=["y=displacement,m"])

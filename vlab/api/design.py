@@ -34,6 +34,7 @@ from vlab.fe.assembly import build_fe_model
 from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
 from vlab.fe.reduced import build_reduced_model
+from vlab.files.arguments import checked
 from vlab.files.output_folder import finite, output_folder, write_manifest
 from vlab.hardware.array_controller import array_report
 from vlab.lab.prediction import ClosedLoop, SampledLoop, loop_on
@@ -129,6 +130,7 @@ class DesignedLaw:
         return Path(folder)
 
 
+@checked(BadDesign)
 def design(
     structure: str,
     law: str,
@@ -236,7 +238,7 @@ def _with_checks(
     """Return the law with margins and array controller."""
     if not (robustness or array):
         return made
-    law, loop = _in_a_loop(made.law, made.document["law"]), None
+    law, loop = law_in_a_loop(made), None
     hardware = laboratory_for(law, rate_hz)
     if array:
         made.document["array"] = finite(array_report(law, hardware, continuous=made.continuous))
@@ -252,11 +254,28 @@ def _modelled(full: FeModel, designed_on: StateModel | None) -> list[int] | None
     return None if designed_on is None else (shared_modes(state_model(full), designed_on) + 1).tolist()
 
 
-def _in_a_loop(law: LinearController | None, name: str) -> LinearController:
-    if law is None:
-        known = LAWS[name]
+def law_in_a_loop(made: DesignedLaw) -> LinearController:
+    """Return the law of a design for a sampled loop.
+
+    Parameters
+    ----------
+    made : DesignedLaw
+        Designed law.
+
+    Returns
+    -------
+    LinearController
+        Law from sensors to actuators.
+
+    Raises
+    ------
+    BadDesign
+        The law needs every state, which no sensor gives.
+    """
+    if made.law is None:
+        known = LAWS[made.document["law"]]
         raise BadDesign(f"{known.not_in_a_loop}, so it has no sampled loop; take {known.estimated_by}")
-    return law
+    return made.law
 
 
 def _design(

@@ -13,9 +13,10 @@ from vlab.diagnose.diagnosis import Finding, RejectedCase, Verdict
 from vlab.diagnose.export import Done, native_model
 from vlab.diagnose.parameters.locations import is_named
 from vlab.diagnose.pipeline import diagnose as run_pipeline
-from vlab.errors import BadExperiment, OutputRefused, unknown_name
+from vlab.errors import BadCase, BadExperiment, OutputRefused, unknown_name
+from vlab.files.arguments import checked
 from vlab.files.output_folder import finite, output_folder, write_manifest
-from vlab.files.text import in_line
+from vlab.files.text import as_sentence, in_line
 from vlab.parallel import limited_to
 from vlab.physics.catalogue import CANDIDATES, EFFECTS, effect_named
 from vlab.physics.effect import Effect
@@ -184,6 +185,8 @@ class Diagnosis:
         lines += [f"  {finding}" for finding in self.findings]
         if isinstance(self.done, RejectedCase):
             lines += [f"  {in_line(line)}" for line in diagnosis.quality]
+        elif self.verdict == "bad-recording":
+            lines += [f"  {in_line(line)}" for line in diagnosis.quality[:1]]
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -192,6 +195,8 @@ class Diagnosis:
 
         diagnosis = self.done.diagnosis
         sentence = self._reason() if isinstance(self.done, RejectedCase) else verdict_sentence(self.done)
+        if self.verdict == "bad-recording" and not isinstance(self.done, RejectedCase):
+            sentence = " ".join([sentence, *(as_sentence(in_line(line)) for line in diagnosis.quality[:1])])
         parts = [f"<p><b>{html.escape(self.verdict)}</b>: {html.escape(sentence)}</p>"]
         rows = [
             [f.name, place, f"{name} = {quantity(p['value'], p['unit'])}", f"{p['ci90'][0]:.4g} to {p['ci90'][1]:.4g}"]
@@ -221,6 +226,10 @@ def _html_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
+@checked(
+    BadCase,
+    case="make a case of a model and arrays: vlab.Case.from_arrays(MODEL, t, {ACTUATOR: array}, {SENSOR: array})",
+)
 def diagnose(
     case: Case | Path | str,
     *,

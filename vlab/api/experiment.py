@@ -2,10 +2,15 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
+from vlab.api.design import DesignedLaw, law_in_a_loop
 from vlab.api.progress import Progress, reported
+from vlab.errors import BadExperiment
+from vlab.files.arguments import checked
 from vlab.files.output_folder import check_output, output_folder
 from vlab.lab.experiment import Result
+from vlab.lab.given_law import given_law
 from vlab.lab.run_folder import DoneRun, PreparedRun, RunSettings, simulate_run
 from vlab.lab.suited import suited
 from vlab.recordings import write_recording
@@ -15,10 +20,15 @@ Watch = Callable[[float, Callable[[], Result]], None]
 _DEFAULT = RunSettings(structure="beam")
 
 
+@checked(
+    BadExperiment,
+    options={"--rate": "rate_hz", "--seconds": "seconds", "--plant": "plant", "--at": "at", "--level": "level"},
+    structure="for arrays of measurements, see vlab.Case.from_arrays",
+)
 def experiment(
     structure: str = "beam",
     *,
-    law: str = _DEFAULT.law,
+    law: Any = _DEFAULT.law,
     plant: str = _DEFAULT.plant,
     variant: str = _DEFAULT.variant,
     model: str = _DEFAULT.model,
@@ -46,9 +56,12 @@ def experiment(
     ----------
     structure : str
         Built-in structure (``"beam"``, ``"grid"``), structure file, or MJCF file of a model of your own.
-    law : str
+    law : str, Path, DesignedLaw, Controller or callable
         Control law in the loop: a published name, a ``controller.toml``, ``"path/to/law.py:CLASS"`` or ``"entry:NAME"``;
-        none by default.
+        a result of `vlab.design` or its `law`; an object or class with `sensors`, `actuators`, `reset` and `step`; or a
+        function u = f(y). None by default. A law takes y and gives u in SI, in the order of its channels. A function
+        drives all actuators in the order of the structure, and reads the velocity sensors beside them; without such
+        sensors, all sensors.
     plant, variant : str
         Plant (``"composite"``, ``"fe"``, ``"linear"``, ``"modal"``) and variant of the structure.
     model : str
@@ -97,16 +110,22 @@ def experiment(
     ------
     BadExperiment
         A setting is impossible.
+    BadController
+        The law does not fit the loop, or its code fails.
     Diverged
         The simulation became nonfinite.
     OutputRefused
         The run folder exists, or cannot be written.
     """
+    law = "" if law is None else str(law) if isinstance(law, Path) else law
+    given = None
+    if not isinstance(law, str):
+        given = given_law(law_in_a_loop(law) if isinstance(law, DesignedLaw) else law)
     settings = RunSettings(
         structure=structure,
         plant=plant,
         variant=variant,
-        law=law,
+        law=law if given is None else given.name,
         model=model,
         excite=excite,
         at=at,
@@ -128,7 +147,7 @@ def experiment(
         settings = suited(settings).settings
     with reported(progress, "experiment") as report:
         advance = None if report is None else lambda done_s: report(done_s / settings.seconds, "simulating")
-        return run_prepared(settings.prepare(), out, overwrite=overwrite, progress=advance)
+        return run_prepared(settings.prepare(given=given), out, overwrite=overwrite, progress=advance)
 
 
 def run_prepared(

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from vlab.errors import BadRecording
+from vlab.errors import BadRecording, VlabError
+from vlab.files.arguments import checked
 from vlab.files.examples import located
+from vlab.files.text import with_article
 from vlab.lab.run_folder import DoneRun, RunSettings, load_run
 from vlab.modal.dwell import DwellResult
 from vlab.modal.frf import Estimator
@@ -20,19 +22,40 @@ from vlab.modal.modal_test import (
 )
 from vlab.recordings import open_table
 from vlab.recordings.assemble import ColumnSpec, on_even_stamps, to_recording
+from vlab.recordings.frames import DataFrame, table_of
 from vlab.recordings.response_files import SideSpec, check_names, read_responses, response_labels
 from vlab.recordings.response_labels import frequency_column
-from vlab.recordings.table import Table
+from vlab.recordings.table import EVERY, Table, not_finite
 from vlab.signals import KIND_UNITS, FrequencyResponse, Recording
 
 TIME_NAMES = ("time", "t", "time [s]", "time (s)", "t [s]", "t (s)", "time_s", "x_value", "timestamp")
 """TIME_NAMES: names of the time column in foreign recordings."""
-Source = Recording | FrequencyResponse | DoneRun | Path | str
-"""A recording, frequency responses, a run, a run folder or a file."""
+OPTIONS = {
+    "--input": "inputs",
+    "--output": "outputs",
+    "--time": "time",
+    "--rate": "rate_hz",
+    "--frequency": "frequency",
+    "--band": "band_hz",
+    "--modes": "modes",
+    "--signal": "signal",
+    "--period": "period_s",
+    "--segment": "segment_s",
+    "--dwell": "dwell_s",
+    "--window-end": "window_end",
+}
+"""OPTIONS: argument by option of ``vlab modal-test``."""
+Source = Recording | FrequencyResponse | DoneRun | DataFrame | Path | str
+"""A recording, frequency responses, a run, a data frame, a run folder or a file."""
 Loaded = tuple[Recording | tuple[FrequencyResponse, ...], RunSettings | None]
 """A recording or frequency responses, with the settings of a run folder."""
 
 
+@checked(
+    BadRecording,
+    options=OPTIONS,
+    runs="for samples, give a DataFrame with named columns, its times as index or column, and inputs and outputs",
+)
 def modal_test(
     runs: Source | Sequence[Source],
     *,
@@ -57,8 +80,9 @@ def modal_test(
 
     Parameters
     ----------
-    runs : Recording, FrequencyResponse, DoneRun, Path, str, or a sequence
-        Recordings, runs of `vlab.experiment`, run folders or files; or frequency responses or files with such.
+    runs : Recording, FrequencyResponse, DoneRun, DataFrame, Path, str, or a sequence
+        Recordings, runs of `vlab.experiment`, run folders, files or data frames; or frequency responses or files with
+        such. A data frame has its times in a column or in its index.
     inputs, outputs : sequence of str
         Channels; by default the recording's inputs and sensors. Foreign files need them, as ``"NAME=KIND,UNIT"`` such as
         ``"acc1=acceleration,g"``.
@@ -154,8 +178,8 @@ def load_runs(
         Records in time and frequency responses are mixed, a file is damaged, or its columns are not named.
     """
     sources = [located(one) if isinstance(one, str) else one for one in sources]
-    tables = [open_table(one) if isinstance(one, str | Path) and not Path(one).is_dir() else None for one in sources]
     named = [_name(text) for text in (*inputs, *outputs)] if inputs and outputs else []
+    tables = [_table(one, named, time, rate_hz) for one in sources]
     given = [
         isinstance(one, FrequencyResponse) if table is None else _holds_responses(table, named, frequency)
         for one, table in zip(sources, tables, strict=True)
@@ -182,8 +206,10 @@ def load_runs(
             loaded.append(((one,), None))
         elif isinstance(one, DoneRun):
             loaded.append((one.recording, None))
-        elif table is None or table.channels is not None:
+        elif isinstance(one, str | Path) and (table is None or table.channels is not None):
             loaded.append(load_run(one))
+        elif table is None:  # a data frame has one
+            raise BadRecording(f"{_called(one)} cannot be read as a recording")
         elif is_given:
             if len(sources) > 1 and not inputs:
                 _check_named(table, frequency)
@@ -193,8 +219,46 @@ def load_runs(
     return loaded
 
 
+def _table(source: Source, named: Sequence[str], time: str | None, rate_hz: float | None) -> Table | None:
+    """Return the columns of a file or a data frame.
+
+    A column that is not used may hold anything.
+    """
+    if isinstance(source, str | Path):
+        if Path(source).is_dir():
+            return None
+        try:
+            return open_table(source)
+        except BadRecording:
+            if not named:
+                raise
+            used = [*named, time] if time is not None else named
+            columns = used if time is not None or rate_hz is not None else None  # else the time column is to be found
+            try:
+                table = open_table(source, columns=columns, blanks=EVERY)
+            except VlabError:
+                table = None
+            if table is None:
+                raise
+            return _whole(table, used)
+    is_own = isinstance(source, Recording | FrequencyResponse | DoneRun)
+    if is_own or not isinstance(source, DataFrame):
+        return None
+    table = table_of(source, times=TIME_NAMES)
+    return _whole(table, named)
+
+
+def _whole(table: Table, used: Sequence[str]) -> Table:
+    """Return a table, or refuse a used column with gaps."""
+    times = [name for name in table.names if name.strip().lower() in TIME_NAMES]
+    for name in (*used, *times):
+        if not np.isfinite(table[name]).all():
+            raise BadRecording(f"{table.path}: column {name!r}: {not_finite(table[name])}")
+    return table
+
+
 def _called(source: Source) -> str:
-    return str(source) if isinstance(source, Path | str) else f"a {type(source).__name__}"
+    return str(source) if isinstance(source, Path | str) else with_article(type(source).__name__)
 
 
 def _holds_responses(table: Table, named: Sequence[str], frequency: str | None) -> bool:

@@ -11,9 +11,10 @@ from typing import Any
 
 from vlab.cases.channel_map import Run, find_input, find_output, find_place, make_run, wire
 from vlab.cases.description import CaseTable, ChannelTable, ModelTable, RecordingTable
-from vlab.cases.in_memory import LABEL, prefixed, read_arrays, read_model
+from vlab.cases.in_memory import LABEL, in_memory_error, read_arrays, read_model
 from vlab.cases.written_out import WrittenOut, check_file, write_out
 from vlab.errors import BadCase, VlabError, unknown_name
+from vlab.files.arguments import checked
 from vlab.files.examples import located
 from vlab.files.text import one_line
 from vlab.files.toml import Reader
@@ -90,6 +91,7 @@ class Case:
         return load_case(path, allow_outside=allow_outside)
 
     @classmethod
+    @checked(BadCase)
     def from_arrays(
         cls,
         model: Any,
@@ -99,7 +101,7 @@ class Case:
         *,
         uncertain: Mapping[str, float] | None = None,
         holdout: int | float | Sequence[int] | None = None,
-        channels: Mapping[str, Mapping[str, Any]] | None = None,
+        channels: Mapping[str, Mapping[str, Any] | str] | None = None,
         initial: str = "auto",
         title: str = "",
     ) -> "Case":
@@ -116,7 +118,8 @@ class Case:
         t : (n,) array, str or None
             Times [s], even or uneven; name of a column; None for the index of a data frame.
         inputs : mapping or data frame
-            Columns (n,) by name of an actuator or joint; None for a free motion.
+            Columns (n,) by name of an actuator or joint; None for a free motion. One data frame may be given for inputs
+            and outputs: the model tells their columns apart.
         outputs : mapping or data frame
             Columns (n,) by name of a sensor or joint, (n, 3) for a vector sensor. NaN means no reading.
         uncertain : mapping of str to float
@@ -124,8 +127,9 @@ class Case:
         holdout : int, float or sequence of int
             Runs that only verify, by number from 0; a float is the share of every run that is held out at its end. The
             default is the last run, or the last third of a single run.
-        channels : mapping of str to mapping
-            Keys of ``[[recording.channel]]`` by column, such as ``{"pos": {"at": "encoder", "unit": "mm"}}``.
+        channels : mapping of str to mapping or str
+            Keys of ``[[recording.channel]]`` by column, such as ``{"pos": {"at": "encoder", "unit": "mm"}}``; a text alone
+            is the unit of the column.
         initial : str
             Initial state of the runs: ``"auto"``, ``"rest"`` or ``"estimated"``.
         title : str
@@ -157,25 +161,28 @@ class Case:
                 plant, t, inputs, outputs, channels=channels or {}, holdout=holdout, initial=initial
             )
         except VlabError as error:
-            raise prefixed(error) from error
+            raise in_memory_error(error) from error
         raw["recording"] = recordings
         written = WrittenOut(
             raw=raw,
             places=tuple(r["name"] for r in recordings),
             channels=tuple(tuple(f"{r['name']}: {c['column']}" for c in r["channel"]) for r in recordings),
         )
-        table = reader.table(CaseTable, raw)
-        _check_names(reader, table, plant, written)
-        case = cls(
-            path=path,
-            table=table,
-            plant=plant,
-            hardware=hardware,
-            structure=structure,
-            raw=raw,
-            in_memory=tables,
-        )
-        case.runs()  # what is wrong with the samples shows here
+        try:
+            table = reader.table(CaseTable, raw)
+            _check_names(reader, table, plant, written)
+            case = cls(
+                path=path,
+                table=table,
+                plant=plant,
+                hardware=hardware,
+                structure=structure,
+                raw=raw,
+                in_memory=tables,
+            )
+            case.runs()  # what is wrong with the samples shows here
+        except VlabError as error:
+            raise in_memory_error(error, recordings) from error
         return case
 
     def __repr__(self) -> str:
@@ -185,9 +192,8 @@ class Case:
             f"{len(part)} {word}" for word, part in (("frf", self.table.frf), ("modal", self.table.modal)) if part
         ]
         model = self.table.model.mjcf or self.table.model.structure
-        return (
-            f"<Case {one_line(self.table.title or self.path.parent.name)!r} of {one_line(model)}: {', '.join(names)}>"
-        )
+        title = one_line(self.table.title or ("" if self.in_memory else self.path.parent.name))
+        return f"<Case {f'{title!r} ' if title else ''}of {one_line(model)}: {', '.join(names)}>"
 
     @property
     def folder(self) -> Path:

@@ -1,5 +1,6 @@
 """Cases from arrays: a model in memory, and runs of named columns."""
 
+import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,9 +11,10 @@ import mujoco
 import numpy as np
 
 from vlab.errors import BadCase, VlabError, unknown_name
-from vlab.files.text import one_line
+from vlab.files.text import one_line, with_article
 from vlab.plants.base import Plant, Port
 from vlab.plants.mjcf import AXES, build_mjcf, build_mjcf_spec
+from vlab.recordings.frames import seconds_of
 from vlab.recordings.table import Table
 from vlab.signals import KIND_UNITS, Array
 from vlab.structure.reader import BUILT_IN
@@ -85,8 +87,9 @@ def read_model(model: Any) -> tuple[dict[str, Any], Plant | None, Path]:
         return {"structure": model}, None, Path()
     if not isinstance(model, str | Path):
         raise BadCase(
-            f"{LABEL}: the model is a {type(model).__name__}; accepted: MjModel, MjSpec, XML text, a path, or the name of a "
+            f"{LABEL}: the model is {with_article(type(model).__name__)}; accepted: MjModel, MjSpec, XML text, a path, or the name of a "
             f"structure ({', '.join(BUILT_IN)})"
+            + ("; the model is the first argument: from_arrays(model, t, inputs, outputs)" if np.ndim(model) else "")
         )
     path = Path(model)
     if path.suffix == ".toml":
@@ -138,7 +141,7 @@ def read_arrays(
     inputs: Any,
     outputs: Any,
     *,
-    channels: Mapping[str, Mapping[str, Any]],
+    channels: Mapping[str, Any],
     holdout: Any = None,
     initial: str = "auto",
 ) -> tuple[list[dict[str, Any]], dict[str, Table]]:
@@ -150,7 +153,7 @@ def read_arrays(
         Model, which gives kinds and units.
     t, inputs, outputs : object
         Times and columns of one run, or lists with one entry a run, see `vlab.cases.Case.from_arrays`.
-    channels : mapping of str to mapping
+    channels : mapping of str to mapping or str
         Keys of ``[[recording.channel]]`` by column, in place of those of the model.
     holdout : object
         Runs that are held out, or a share of every run.
@@ -169,7 +172,7 @@ def read_arrays(
     UnknownName
         A column has no counterpart in the model.
     """
-    runs = list(_runs(t, inputs, outputs))
+    runs = list(_runs(plant, t, inputs, outputs))
     tables: dict[str, Table] = {}
     recordings: list[dict[str, Any]] = []
     unused = dict(channels)
@@ -188,7 +191,7 @@ def read_arrays(
     return _with_roles(recordings, tables, holdout), tables
 
 
-def _runs(t: Any, inputs: Any, outputs: Any) -> Iterator[tuple[Array, dict[str, Any], dict[str, Any]]]:
+def _runs(plant: Plant, t: Any, inputs: Any, outputs: Any) -> Iterator[tuple[Array, dict[str, Any], dict[str, Any]]]:
     """Yield times, inputs and outputs of each run."""
     is_many = isinstance(outputs, list | tuple)
     measured = list(outputs) if is_many else [outputs]
@@ -197,7 +200,9 @@ def _runs(t: Any, inputs: Any, outputs: Any) -> Iterator[tuple[Array, dict[str, 
     for what, given in (("inputs", inputs), ("t", t)):
         if is_many and isinstance(given, list | tuple) and _is_list_of_runs(what, given):
             if len(given) != len(measured):
-                raise BadCase(f"{LABEL}: {what} has {len(given)} runs, outputs {len(measured)}; give one for each run")
+                raise BadCase(
+                    f"{LABEL}: {what} has {_count(len(given))}, outputs {_count(len(measured))}; give one for each run"
+                )
         elif isinstance(given, list | tuple) and what == "inputs":
             raise BadCase(f"{LABEL}: inputs is a list of runs, outputs is not; give both as lists")
     for i, output in enumerate(measured):
@@ -206,11 +211,43 @@ def _runs(t: Any, inputs: Any, outputs: Any) -> Iterator[tuple[Array, dict[str, 
         frames = [frame for frame in (one_input, output) if frame is not None]
         time, name = _times(one_time, frames, i)
         columns = [{k: v for k, v in _named(frame).items() if k != name} for frame in (one_input, output)]
-        yield time, columns[0], columns[1]
+        yield time, *_sides(plant, columns[0], columns[1])
+
+
+def _sides(plant: Plant, inputs: dict[str, Any], outputs: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the inputs and outputs of a run, where one table was given for both.
+
+    The model then tells the sides apart: columns of actuators are inputs, columns of sensors and joints outputs.
+    """
+    is_one = len(inputs) > 1 and set(inputs) == set(outputs)
+    if not is_one or not all(inputs[k] is outputs[k] or _is_equal(inputs[k], outputs[k]) for k in inputs):
+        return inputs, outputs
+    into = {name for name in inputs if _tap(plant.actuators, "actuator", name) is not None}
+    both = [name for name in into if _tap(plant.sensors, "sensor", name) is not None]
+    if both:
+        raise BadCase(
+            f"{LABEL}: column {both[0]!r} is in inputs and outputs, and the model has an actuator and a sensor of this name; "
+            "give inputs and outputs their own columns"
+        )
+    return {k: inputs[k] for k in inputs if k in into}, {k: outputs[k] for k in outputs if k not in into}
+
+
+def _is_equal(one: Any, other: Any) -> bool:
+    a, b = np.asarray(one), np.asarray(other)
+    return a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=a.dtype.kind in "fc" and b.dtype.kind in "fc"))
+
+
+def _tap(taps: Sequence[Any], side: str, at: str) -> Any:
+    """Return the actuator or sensor of a name, or None."""
+    return next((tap for tap in taps if tap.name and at in (tap.name, tap.at, f"{side}:{tap.name}")), None)
 
 
 def _is_list_of_runs(what: str, given: Sequence[Any]) -> bool:
     return what != "t" or (len(given) > 0 and (np.ndim(given[0]) > 0 or isinstance(given[0], str)))
+
+
+def _count(runs: int) -> str:
+    return f"{runs} run{'s' * (runs != 1)}"
 
 
 def _times(t: Any, frames: Sequence[Any], run: int) -> tuple[Array, str | None]:
@@ -227,10 +264,7 @@ def _times(t: Any, frames: Sequence[Any], run: int) -> tuple[Array, str | None]:
         if not indexed:
             raise BadCase(f"{LABEL}: t is None and run {run + 1} is no DataFrame with an index of times; give t in s")
         t = indexed[0].index
-    values = np.asarray(t)
-    if values.dtype.kind in "mM":  # time stamps, or times since a start
-        values = (values - values[0]) / np.timedelta64(1, "s")
-    return _numbers(values, f"t of run {run + 1}"), name
+    return _numbers(seconds_of(t), f"t of run {run + 1}"), name
 
 
 def _named(frame: Any) -> dict[str, Any]:
@@ -242,11 +276,13 @@ def _named(frame: Any) -> dict[str, Any]:
     if hasattr(frame, "columns") and hasattr(frame, "__getitem__"):
         return {str(name): frame[name] for name in frame.columns}
     raise BadCase(
-        f"{LABEL}: a run is a {type(frame).__name__}; accepted: a dict of name to array, or a DataFrame with named columns"
+        f"{LABEL}: a run is {with_article(type(frame).__name__)}; accepted: a dict of name to array, or a DataFrame with named columns"
     )
 
 
 def _numbers(values: Any, what: str) -> Array:
+    if np.iscomplexobj(values):
+        raise BadCase(f"{LABEL}: {what} is complex; give real samples in time, such as its real part")
     try:
         numbers = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:
@@ -262,7 +298,7 @@ def _columns(
     time: Array,
     inputs: Mapping[str, Any],
     outputs: Mapping[str, Any],
-    channels: Mapping[str, Mapping[str, Any]],
+    channels: Mapping[str, Any],
 ) -> tuple[dict[str, Array], list[dict[str, Any]]]:
     """Return the columns of a run, and the tables of their channels."""
     columns: dict[str, Array] = {}
@@ -276,12 +312,25 @@ def _columns(
                 label = f"{'input' if is_input else 'output'}:{part}" if part in columns or part in _twins(
                     inputs, outputs
                 ) else part  # fmt: skip
-                own = dict(channels.get(label, channels.get(part, {})))
+                own = _own_keys(label if label in channels else part, channels)
                 columns[label] = column
                 tables.append({"column": label, **_described(plant, part, is_input, own)})
     if all(table.get("input") for table in tables):
         raise BadCase(f"{LABEL}: {run} has no outputs; name at least one sensor or joint that was measured")
     return columns, tables
+
+
+def _own_keys(name: str, channels: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the stated keys of a column; a text alone is its unit."""
+    own = channels.get(name, {})
+    if isinstance(own, str):
+        return {"unit": own}
+    if not isinstance(own, Mapping):
+        raise BadCase(
+            f'{LABEL}: channels[{name!r}] is {with_article(type(own).__name__)}; accepted: a unit such as "mm", or a dict of '
+            'keys such as {"at": "encoder", "unit": "mm"}'
+        )
+    return dict(own)
 
 
 def _twins(inputs: Mapping[str, Any], outputs: Mapping[str, Any]) -> set[str]:
@@ -305,7 +354,7 @@ def _described(plant: Plant, name: str, is_input: bool, own: dict[str, Any]) -> 
     at = str(own.pop("at", name))
     taps: Sequence[Any] = plant.actuators if is_input else plant.sensors
     side = "actuator" if is_input else "sensor"
-    tap = next((tap for tap in taps if tap.name and at in (tap.name, tap.at, f"{side}:{tap.name}")), None)
+    tap = _tap(taps, side, at)
     port = None
     if tap is None:
         at, port = _port(plant, at)
@@ -359,7 +408,8 @@ def _with_roles(
             "every run such as 0.3"
         ) from error
     if len(numbers) == count:
-        raise BadCase(f"{LABEL}: all {count} runs are held out; leave at least one to fit, or give a share such as 0.3")
+        held_out = "the only run is" if count == 1 else f"all {count} runs are"
+        raise BadCase(f"{LABEL}: {held_out} held out; leave at least one to fit, or give a share such as 0.3")
     return [{**r, "role": "holdout" if i in numbers else "fit"} for i, r in enumerate(recordings)]
 
 
@@ -377,6 +427,45 @@ def _split(recording: Mapping[str, Any], table: Table, share: float) -> list[dic
     ]
 
 
-def prefixed(error: VlabError) -> VlabError:
-    """Return the error with the name of its case."""
-    return error if LABEL in str(error) else type(error)(f"{LABEL}: {error}")
+# ---- messages -------------------------------------------------------------------------------------------------------
+
+IN_PYTHON = (
+    (re.compile(r'say blank = "hold" in its channel'), 'say channels={COLUMN: {"blank": "hold"}}'),
+    (re.compile(r"cut the part with start_s and stop_s"), "give runs without these samples"),
+    (re.compile(r"give rate_hz instead"), "give even times instead, such as t = numpy.arange(n) / rate"),
+    (re.compile(r"give rate_hz or the name of the time column"), "give times in s as t"),
+)
+"""IN_PYTHON: advice on a case file, and the same for `vlab.Case.from_arrays`."""
+_CHANNEL = re.compile(r"recording\[(\d+)\]\.channel\[(\d+)\]")
+_RECORDING = re.compile(r"recording\[(\d+)\](\.initial)?")
+
+
+def in_memory_error(error: VlabError, recordings: Sequence[Mapping[str, Any]] = ()) -> VlabError:
+    """Return an error with arguments in place of a file's keys.
+
+    Parameters
+    ----------
+    error : VlabError
+        Error with the words for a case file.
+    recordings : sequence of mapping
+        Tables of the recordings, whose numbers the message may hold.
+
+    Returns
+    -------
+    VlabError
+        Error of the same type, with the name of its case.
+    """
+    text = str(error)
+
+    def channel(found: re.Match[str]) -> str:
+        return f"channels[{recordings[int(found[1])]['channel'][int(found[2])]['column']!r}]"
+
+    def recording(found: re.Match[str]) -> str:
+        return "initial" if found[2] else f"run {recordings[int(found[1])]['name']!r}"
+
+    if recordings:
+        text = _RECORDING.sub(recording, _CHANNEL.sub(channel, text))
+    text = text.replace("model: uncertain", "uncertain")
+    for pattern, words in IN_PYTHON:
+        text = pattern.sub(words, text)
+    return type(error)(text if LABEL in text else f"{LABEL}: {text}")

@@ -3,16 +3,19 @@
 import argparse
 import json
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from vlab.cases.case import load_case
+from vlab.cases.checks.undriven import undriven, words_on
 from vlab.cases.compare import Comparison
 from vlab.cli.case_argument import OUTSIDE, add_case
 from vlab.cli.common import Outcome, share_bar, text_table
 from vlab.cli.destination import add_out, check_out
-from vlab.diagnose.precheck import ChannelCheck, Precheck, precheck_case
+from vlab.diagnose.precheck import ChannelCheck, Precheck, Remark, precheck_case
 from vlab.files.output_folder import finite, output_folder, write_manifest
 from vlab.files.text import in_line
 
@@ -22,6 +25,8 @@ HEADERS = (
 )
 PICTURE, DOCUMENT = "check.png", "check.json"
 """Names of the written files."""
+ADD_CHANNEL = "a [[recording.channel]] with input = true and the actuator as at, or a model without the actuator"
+"""ADD_CHANNEL: edit of a case whose actuator has no column."""
 MOST_DRAWN = 12
 """MOST_DRAWN [1]: largest number of channels in the picture, those with the largest NRMSE."""
 
@@ -48,6 +53,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     check_out(arguments, read=[arguments.case])
     with share_bar("check") as report:
         checked = precheck_case(arguments.case, allow_outside=arguments.allow_outside, progress=report)
+    checked = with_undriven(checked, arguments.case, allow_outside=arguments.allow_outside)
     document: dict[str, Any] = {"case": str(arguments.case), **checked.to_json()}
     lines = [check_words(checked)]
     if arguments.out:
@@ -61,6 +67,33 @@ def run(arguments: argparse.Namespace) -> Outcome:
         document["next"] = shlex.join([*words, "--out", "out/diagnosis"])
         lines += ["", f"next: {document['next']}"]
     return Outcome(document=document, text="\n".join(lines))
+
+
+def with_undriven(checked: Precheck, path: Path | str, *, allow_outside: bool = False) -> Precheck:
+    """Return a check with a warning on actuators that no column drives.
+
+    Parameters
+    ----------
+    checked : Precheck
+        Result of the check.
+    path : path
+        Folder or file of the case.
+    allow_outside : bool
+        Whether the case may name files outside its folder.
+
+    Returns
+    -------
+    Precheck
+        Check with the warning, if any.
+    """
+    compared = checked.comparison
+    case = load_case(path, allow_outside=allow_outside) if compared is None else compared.case
+    names = undriven(case, case.runs() if compared is None else [r.run for r in compared.runs])
+    if not names:
+        return checked
+    remark = Remark(channel=", ".join(names), what=words_on(names), mend=ADD_CHANNEL, severity="warning")
+    first = next((k for k, one in enumerate(checked.remarks) if one.severity == "note"), len(checked.remarks))
+    return replace(checked, remarks=(*checked.remarks[:first], remark, *checked.remarks[first:]))
 
 
 def written(checked: Precheck) -> list[str]:

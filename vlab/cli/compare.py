@@ -49,4 +49,5 @@ def run(arguments: argparse.Namespace) -> Outcome:
             write_case(comparison, folder)
             write_manifest(folder, verb="compare", case=str(arguments.case))
         document["out"] = str(arguments.out)
+        text += f"\n\nwritten to {arguments.out}: report.html, run.rrd"
     return Outcome(document=document, text=text)

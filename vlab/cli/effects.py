@@ -6,7 +6,7 @@ from typing import Any
 from vlab.cli.common import Outcome, text_table
 from vlab.controllers.user_law import code_of
 from vlab.errors import UnknownName, unknown_name
-from vlab.physics.catalogue import ALIASES, EFFECT_FORM, EFFECTS, effect_named, effects
+from vlab.physics.catalogue import ALIASES, EFFECT_FORM, EFFECTS, LAST_RESORT, effect_named, effects
 from vlab.physics.effect import Effect
 
 PLACES = {
@@ -117,7 +117,10 @@ def _table(document: list[dict[str, Any]]) -> str:
     ]
     table = text_table(["family", "effect", "at", "parameters"], rows)
     first = document[0]["name"]
-    return f"{table}\n\n{len(rows)} effects; law, places and ranges of one: vlab effects {first}"
+    tabulated = [effect.name for effect in LAST_RESORT if effect.name in [entry["name"] for entry in document]]
+    count = len(rows) - len(tabulated)
+    counted = " and ".join([f"{count} effect{'s' * (count != 1)}", *(f"the tabulated {name}" for name in tabulated)])
+    return f"{table}\n\n{counted}; law, places and ranges of one: vlab effects {first}"
 
 
 def places_of(effect: Effect) -> str:

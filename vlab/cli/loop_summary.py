@@ -120,6 +120,6 @@ def period_text(excitation: Excitation | None, seconds: float) -> str:
         return ""
     period = seconds / periods
     return (
-        f"the record holds {periods:.3g} periods of its excitation ({period:g} s): a response without leakage needs "
+        f"the record holds {periods:.3g} period{'s' * (f'{periods:.3g}' != '1')} of its excitation ({period:g} s): a response without leakage needs "
         f"{LEAST_PERIODS} at least, and 4 to settle in; give --seconds {2 * LEAST_PERIODS * period:g}, or a shorter --period\n\n"
     )

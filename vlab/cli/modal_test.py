@@ -10,6 +10,7 @@ from vlab.api.modal_test import Loaded, load_runs, modal_test
 from vlab.cli.common import Outcome, text_table
 from vlab.cli.destination import add_out, check_out
 from vlab.errors import BadRecording, VlabError
+from vlab.files.arguments import unchecked
 from vlab.files.output_folder import output_folder, write_manifest
 from vlab.files.text import in_line
 from vlab.lab.plant_modes import FoundMode, compare_with_plant, plant_modes
@@ -135,7 +136,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
         rate_hz=arguments.rate,
         frequency=arguments.frequency,
     )
-    result = modal_test(
+    result = unchecked(modal_test)(
         [part for data, _ in runs for part in (data if isinstance(data, tuple) else (data,))],
         inputs=arguments.input,
         outputs=arguments.output,
@@ -161,7 +162,13 @@ def run(arguments: argparse.Namespace) -> Outcome:
             write_modal_test(result, folder, title=_title(arguments.run), found=found, true=true)
             write_manifest(folder, verb="modal-test", runs=[str(path) for path in arguments.run])
         document["out"] = str(arguments.out)
-    return Outcome(document=document, text=_text(result, found), holds=all(mode.ok for mode in found))
+    text = _text(result, found) + _written_to(arguments)
+    return Outcome(document=document, text=text, holds=all(mode.ok for mode in found))
+
+
+def _written_to(arguments: argparse.Namespace) -> str:
+    """Return the line on the output folder, if any."""
+    return f"\n\nwritten to {arguments.out}: report.html, figures" if arguments.out else ""
 
 
 def _title(runs: Sequence[str]) -> str:
@@ -235,7 +242,7 @@ def _dwells(dwells: Sequence[DwellResult], arguments: argparse.Namespace) -> Out
             write_dwells(dwells, folder, title=_title(arguments.run))
             write_manifest(folder, verb="modal-test", runs=[str(path) for path in arguments.run])
         document["out"] = str(arguments.out)
-    return Outcome(document=document, text=text_table(headers, rows))
+    return Outcome(document=document, text=text_table(headers, rows) + _written_to(arguments))
 
 
 def _against_plant(

@@ -1,5 +1,8 @@
 """Safe text from files: no terminal control, no forged lines."""
 
+VOWELS, SPELT = "aeio", ("ndarray", "MjModel", "MjSpec", "MjData")
+"""VOWELS: first letters of words with the article an. SPELT: names that begin with the sound of a letter's name."""
+
 
 def printable(text: object, *, keep: str = "\n\t") -> str:
     r"""Return text with nonprintable characters as escapes, such as ``\x1b``.
@@ -63,6 +66,24 @@ def _is_blank(c: str) -> bool:
 def _escape(c: str) -> str:
     code = ord(c)
     return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+
+def with_article(word: str) -> str:
+    """Return a word with its indefinite article.
+
+    Parameters
+    ----------
+    word : str
+        Noun, such as the name of a type; ``"NoneType"`` becomes ``"None"``.
+
+    Returns
+    -------
+    str
+        Such as ``"an int"`` or ``"a str"``.
+    """
+    if word == "NoneType":
+        return "None"
+    return f"{'an' if word[:1].lower() in VOWELS or word in SPELT else 'a'} {word}"
 
 
 def as_sentence(text: str) -> str:

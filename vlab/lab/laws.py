@@ -9,6 +9,7 @@ from vlab.controllers.lqg import RATE
 from vlab.controllers.user_law import check_code, is_user_law, load_user_law
 from vlab.design.published_tables import published_table, published_tables
 from vlab.errors import BadController, unknown_name
+from vlab.lab.given_law import refuse_record
 from vlab.structure.model import Structure
 
 GAIN_TABLES = {"beam": "7", "grid": "11"}
@@ -63,6 +64,7 @@ def named_law(
     BadController
         The law cannot run in a loop, the code or law file is refused, or a model is given for a law without design.
     """
+    refuse_record(name)
     if model and (is_user_law(name) or is_law_file(name)):
         raise BadController(f"the law {name} is made already: the model {model!r} is for laws that are designed here")
     if is_user_law(name):

@@ -25,6 +25,7 @@ from vlab.files.assets import asset
 from vlab.files.text import one_line
 from vlab.hardware import Hardware, load_hardware
 from vlab.lab.excitation import EXCITATIONS, Excitation, Release, build_excitation, forces_at
+from vlab.lab.given_law import refuse_record
 from vlab.plants.base import ONE_WAY, Plant
 from vlab.plants.mjcf import MjcfPlant, build_mjcf, build_mjcf_spec
 from vlab.signals import Array
@@ -141,7 +142,10 @@ def bench_law(name: str, *, code: Collection[str]) -> Controller:
     ------
     UnknownName
         The name is neither.
+    BadController
+        The law is refused, or was an object of Python.
     """
+    refuse_record(name)
     if is_user_law(name):
         check_code(name, code)
         return load_user_law(name)

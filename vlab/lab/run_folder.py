@@ -23,6 +23,7 @@ from vlab.hardware import Hardware, load_hardware
 from vlab.hardware.interlock import Fault, power_up_as_told
 from vlab.lab.excitation import Dwell, InTurn, Release, build_excitation, forces_at
 from vlab.lab.experiment import Experiment, Result, run_experiment
+from vlab.lab.given_law import LAW_FILE, GivenLaw
 from vlab.lab.laws import named_law
 from vlab.lab.model_bench import bench_excitation, bench_hardware, bench_law, bench_plant, check_settings, is_model_file
 from vlab.physics.attach import attach
@@ -38,7 +39,7 @@ from vlab.structure.reader import BUILT_IN
 
 SETTINGS = "run.toml"
 """File name of the settings."""
-COPIES = {"structure": "structure.toml", "hardware": "hardware.toml", "law": "controller.toml"}
+COPIES = {"structure": "structure.toml", "hardware": "hardware.toml", "law": LAW_FILE}
 """File name of each setting's copy in the run folder. A run folder's files are read from there only."""
 MODEL = "model"
 """Folder of the copies of a user's MJCF file and of the files that the model names."""
@@ -133,15 +134,19 @@ class RunSettings:
         is_model = key == "structure" and self.is_own_model
         return f"{MODEL}/{Path(self.structure).name}" if is_model else COPIES[key]
 
-    def copy_files(self, folder: Path) -> None:
+    def copy_files(self, folder: Path, *, except_law: bool = False) -> None:
         """Copy all named files into a run folder.
 
         Parameters
         ----------
         folder : Path
             Run folder.
+        except_law : bool
+            Whether the law is no file, but an object.
         """
         for key, name in self.named_files.items():
+            if key == "law" and except_law:
+                continue
             if key == "structure" and self.is_own_model:
                 source = Path(name).resolve()
                 for file in model_files(source, name):
@@ -151,19 +156,26 @@ class RunSettings:
             else:
                 shutil.copyfile(name, folder / self._copy_of(key))
 
-    def prepare(self, *, code: Collection[str] = ()) -> "PreparedRun":
+    def prepare(self, *, code: Collection[str] = (), given: GivenLaw | None = None) -> "PreparedRun":
         """Build every part, so that an error precedes the run.
 
         Parameters
         ----------
         code : collection of str
             Python files and entry points that the user named; settings from a file may name one of them.
+        given : GivenLaw or None
+            Law that exists as an object, in place of the law by name.
 
         Returns
         -------
         PreparedRun
             Prepared run.
         """
+        if given is not None:
+            return replace(self, law=given.name)._prepare(code, given)
+        return self._prepare(code, None)
+
+    def _prepare(self, code: Collection[str], given: GivenLaw | None) -> "PreparedRun":
         code = [*code, *(() if self.is_data else self.named_code)]
         if not 0 <= self.noise <= MOST_NOISE:
             raise BadExperiment(
@@ -172,7 +184,7 @@ class RunSettings:
         if self.seed < 0:
             raise BadExperiment(f"the seed {self.seed} is negative; accepted: whole numbers from 0")
         if self.is_own_model:
-            return self._prepare_own(code)
+            return self._prepare_own(code, given)
         structure = load_structure(self.structure)
         hardware = load_hardware(self.hardware or None, self.hardware_values)
         if self.rate_hz is not None:
@@ -184,13 +196,16 @@ class RunSettings:
         if self.power_up:
             switches = power_up_as_told(hardware, self.power_up)
             hardware, faults = switches.bench(), tuple(switches.faults)
+        if self.model and given is not None:
+            raise BadExperiment(f"the law is made already: the model {self.model!r} is for laws that are designed here")
         if self.model and not self.law:
             raise BadExperiment(f"the model {self.model!r} is what a law is designed on; name the law, too")
         rate = hardware.converter.rate
         law = None
-        if self.law:
+        if self.law and given is None:
             law = named_law(structure, self.law, rate=rate, variant=self.variant, model=self.model, code=code)
         plant = build_plant(structure, self.plant, self.variant)
+        law = law if given is None else given.for_plant(plant)
         plant = attach(plant, [parse_effect(text, code=code) for text in self.effect])
         plant.substeps(hardware.converter.rate)
         at = self.at or structure.exciter
@@ -198,7 +213,7 @@ class RunSettings:
         if len(places) > 1 and not isinstance(excitation, (Dwell, Release)):
             excitation = InTurn(signal=excitation, actuators=len(places), turn_s=self.seconds / len(places))
         forces_at(excitation, np.zeros(1), len(places))
-        return self._prepared(structure, hardware, plant, law, (excitation, at), faults)
+        return self._prepared(structure, hardware, plant, (law, given), (excitation, at), faults)
 
     def _excitation(self, hardware: Hardware) -> Any:
         """Return the excitation of a run on a structure."""
@@ -219,7 +234,7 @@ class RunSettings:
             )
         return excitation
 
-    def _prepare_own(self, code: Collection[str]) -> "PreparedRun":
+    def _prepare_own(self, code: Collection[str], given: GivenLaw | None) -> "PreparedRun":
         """Build a run on a user's model."""
         check_settings(self)
         plant = bench_plant(self.structure)
@@ -229,17 +244,20 @@ class RunSettings:
             probe = replace(hardware.displacement_probe, noise=self.noise)
             hardware = replace(hardware, velocity_sensor=coil, displacement_probe=probe)
         plant.substeps(hardware.converter.rate)
-        law = bench_law(self.law, code=code) if self.law else None
+        if given is not None:
+            law: Controller | None = given.for_plant(plant)
+        else:
+            law = bench_law(self.law, code=code) if self.law else None
         excitation = bench_excitation(self, plant, hardware.converter.rate)
         changed = attach(plant, [parse_effect(text, code=code) for text in self.effect])
-        return self._prepared(None, hardware, changed, law, excitation, ())
+        return self._prepared(None, hardware, changed, (law, given), excitation, ())
 
     def _prepared(
         self,
         structure: Structure | None,
         hardware: Hardware,
         plant: Plant,
-        law: Controller | None,
+        law: tuple[Controller | None, GivenLaw | None],
         excitation: tuple[Any, str],
         faults: tuple[Fault, ...],
     ) -> "PreparedRun":
@@ -248,7 +266,7 @@ class RunSettings:
             seconds=self.seconds,
             excitation=excitation[0],
             excite=excitation[1],
-            controller=law,
+            controller=law[0],
             hardware=hardware,
             seed=self.seed,
         )
@@ -257,7 +275,8 @@ class RunSettings:
             structure=structure,
             hardware=hardware,
             plant=plant,
-            law=law,
+            law=law[0],
+            given=law[1],
             experiment=experiment,
             faults=faults,
         )
@@ -281,7 +300,7 @@ class StoredSettings(RunSettings):
 class PreparedRun:
     """A run with all parts built.
 
-    `structure` is None for a user's model. `faults` lists events at switch-on. A concealed run writes nothing on the
+    `structure` is None for a user's model. `given` is the law of an object, else None. `faults` lists events at switch-on. A concealed run writes nothing on the
     effects in its plant.
     """
 
@@ -291,6 +310,7 @@ class PreparedRun:
     plant: Plant
     law: Controller | None
     experiment: Experiment
+    given: GivenLaw | None = None
     faults: tuple[Fault, ...] = ()
     is_concealed: bool = False
 
@@ -350,7 +370,10 @@ class DoneRun:
         """Write recording and settings, without the manifest."""
         write_recording(self.recording, folder / RECORDING)
         (folder / SETTINGS).write_text(self.prepared.settings.to_toml(), encoding="utf-8")
-        self.prepared.settings.copy_files(folder)
+        given, law = self.prepared.given, self.prepared.law
+        self.prepared.settings.copy_files(folder, except_law=given is not None)
+        if given is not None and law is not None:
+            given.write(folder, law)
 
     def finish(self, folder: Path) -> None:
         """Write the manifest after all further files."""

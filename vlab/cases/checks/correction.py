@@ -86,10 +86,43 @@ class Correction:
         return replace(run, **out)
 
     def edits(self, case: Case) -> str:
-        """Return the edits of the case file."""
+        """Return the edits of the case file, or the argument of a case in memory.
+
+        Parameters
+        ----------
+        case : Case
+            Case with the channels.
+
+        Returns
+        -------
+        str
+            Edits, such as ``unit = "mm" in every [[recording.channel]] with column = "x"``.
+        """
         tables = columns_of(case)
+        if case.in_memory:
+            return f"channels={{{', '.join(_edit_of_arrays(taken, tables) for taken in self.taken)}}}"
         parts = [_edit(case, taken, tables) for taken in self.taken]
         return "; ".join(dict.fromkeys(part for part in parts if part))
+
+
+MEND = "; to mend it, say in "
+"""MEND: words between an observation and the place of its edit."""
+
+
+def mend_in(case: Case) -> str:
+    """Return the words between an observation and its edit.
+
+    Parameters
+    ----------
+    case : Case
+        Case with a file, or with arrays in memory.
+
+    Returns
+    -------
+    str
+        Words with the name of the case file, or of the function that takes arrays.
+    """
+    return f"{MEND}{'vlab.Case.from_arrays' if case.in_memory else case.path.name}: "
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +150,7 @@ class Found:
     @property
     def what(self) -> str:
         """Observation without the edit."""
-        return self.text.partition("; to mend it, say in ")[0] if self.mend else self.text
+        return self.text.partition(MEND)[0] if self.mend else self.text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,3 +259,15 @@ def _edit(case: Case, taken: Taken, tables: dict[str, Column]) -> str:
     if taken.unit and taken.factor > 0.0 and column.table.scale is None:
         return f'unit = "{taken.unit}" in every {column.where}'
     return f"scale = {column.factor / taken.factor:.12g} in every {column.where}"
+
+
+def _edit_of_arrays(taken: Taken, tables: dict[str, Column]) -> str:
+    """Return the entries of the argument `channels` that replace a channel."""
+    column = tables[taken.channel]
+    if taken.source != taken.channel:
+        columns, key = tables[taken.source].columns, f'"at": "{column.table.at}"'
+    elif taken.unit and taken.factor > 0.0 and column.table.scale is None:
+        columns, key = column.columns, f'"unit": "{taken.unit}"'
+    else:
+        columns, key = column.columns, f'"scale": {column.factor / taken.factor:.12g}'
+    return ", ".join(f'"{name}": {{{key}}}' for name in columns)

@@ -25,6 +25,7 @@ from vlab.cases.checks.correction import (
     Severity,
     Taken,
     columns_of,
+    mend_in,
     slips_of,
 )
 from vlab.cases.checks.periods import check_periods
@@ -321,5 +322,5 @@ class _Look:
     def _found(self, text: str, ways: Sequence[Correction]) -> Found:
         severity: Severity = "warning" if ways[0].is_turned else "fatal"
         mend = "; or ".join(way.edits(self.case) for way in ways)
-        words = f"{text}; to mend it, say in {self.case.path.name}: {mend}"
+        words = f"{text}{mend_in(self.case)}{mend}"
         return Found(severity=severity, text=words, channels=ways[0].channels, mend=mend)

@@ -34,7 +34,7 @@ from vlab.views.figures.model_drawing import model_figure
 from vlab.views.figures.restoring_force import restoring_force
 from vlab.views.reports.diagnosis_figures import drawn_terms, overlay, worst_first
 from vlab.views.reports.diagnosis_frequency import frequency_sections, write_frequency_scene
-from vlab.views.reports.diagnosis_summary import headline, summary, verdict_sentence
+from vlab.views.reports.diagnosis_summary import headline, summary, title_of, verdict_sentence
 from vlab.views.reports.page import Section, write_report
 from vlab.views.reports.rejected_case import write_stopped, write_stopped_page
 from vlab.views.rerun.diagnosis import write_scene
@@ -122,9 +122,9 @@ def write_page(done: Done | RejectedCase, path: Path, files: ExtendedModelFiles 
     """
     if isinstance(done, RejectedCase):
         return write_stopped_page(done, path)
-    title = done.diagnosis.title or done.problem.case.path.parent.name
-    parts = sections(done, files)
-    write_report(path, title=f"Diagnosis: {title}", summary=summary(done), sections=parts, headline=headline(done))
+    title = title_of(done.diagnosis.title, done.problem.case)
+    parts, head = sections(done, files), headline(done, is_in_folder=files is not None)
+    write_report(path, title=title, summary=summary(done), sections=parts, headline=head)
     return parts
 
 

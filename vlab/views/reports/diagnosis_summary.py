@@ -1,5 +1,6 @@
 """Summary of a diagnosis in plain sentences."""
 
+from vlab.cases.case import Case
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.pipeline import Diagnosed
 from vlab.files.text import as_sentence
@@ -79,13 +80,15 @@ BADGES = {
 """BADGES: verdict in a few words, and tone of the badge."""
 
 
-def headline(done: Diagnosed | FrequencyDiagnosed) -> Headline:
+def headline(done: Diagnosed | FrequencyDiagnosed, *, is_in_folder: bool = True) -> Headline:
     """Return badge, sentence, errors before and after, and next command.
 
     Parameters
     ----------
     done : Diagnosed or FrequencyDiagnosed
         Completed diagnosis.
+    is_in_folder : bool
+        Whether the folder of the page holds the extended model and the Rerun file, which the next command opens.
 
     Returns
     -------
@@ -105,7 +108,28 @@ def headline(done: Diagnosed | FrequencyDiagnosed) -> Headline:
     command = "vlab show ."
     if diagnosis.is_naming:
         command = "vlab compare amended.toml" if diagnosis.is_complete else "vlab diagnose amended.toml --out ../next"
+    command = command if is_in_folder else ""
     return Headline(badge=badge, tone=tone, sentence=verdict_sentence(done), pair=pair, command=command)
+
+
+def title_of(title: str, case: Case) -> str:
+    """Return the title of a diagnosis.
+
+    Parameters
+    ----------
+    title : str
+        Title of the case; may be empty.
+    case : Case
+        Case of the diagnosis.
+
+    Returns
+    -------
+    str
+        Title, or the name of the folder or of the model of a case without one.
+    """
+    model = case.table.model
+    named = title or ("" if case.in_memory else case.path.absolute().parent.name) or model.mjcf or model.structure
+    return f"Diagnosis: {named}"
 
 
 def summary(done: Diagnosed | FrequencyDiagnosed) -> list[str]:

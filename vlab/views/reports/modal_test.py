@@ -61,9 +61,13 @@ def doubts(result: ModalTestResult) -> list[str]:
     out = list(result.notes)
     if result.poles.residual > MUCH_LEFT:
         low, high = result.misfit_band()
-        out.append(
-            f"90 % of the residual of the fit lies from {low:.4g} to {high:.4g} Hz; if that is noise, exclude it with --band."
-        )
+        inside = int(np.count_nonzero((result.poles.freq >= low) & (result.poles.freq <= high)))
+        if inside:  # a band without these lines would lack the modes, too
+            beside = f"{inside} identified mode{'s' * (inside > 1)}"
+            remedy = f"beside {beside}: noise, which a longer record reduces, or a mode that the fit lacks"
+        else:
+            remedy = "where no mode was identified; if that is noise, exclude it with --band"
+        out.append(f"90 % of the residual of the fit lies from {low:.4g} to {high:.4g} Hz, {remedy}.")
     short = {
         s.period_s
         for s, skip in zip(result.signals, result.skipped_s, strict=True)

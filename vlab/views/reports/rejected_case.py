@@ -8,6 +8,7 @@ from vlab.diagnose.diagnosis import RejectedCase
 from vlab.files.output_folder import finite
 from vlab.recordings.files import written_whole
 from vlab.views.reports.case import case_sections
+from vlab.views.reports.diagnosis_summary import title_of
 from vlab.views.reports.page import Section, write_report
 
 
@@ -62,7 +63,6 @@ def write_stopped_page(done: RejectedCase, path: Path) -> list[Section]:
     if done.case.recordings():
         parts += case_sections(compare_case(done.case))
     parts.append(Section(title="Next measurement", text=(f"{diagnosis.next_measurement.capitalize()}.",)))
-    title = diagnosis.title or done.case.path.parent.name
     words = "The case does not say of its files what they are, so nothing was fitted or sought."
-    write_report(path, title=f"Diagnosis: {title}", summary=[words], sections=parts)
+    write_report(path, title=title_of(diagnosis.title, done.case), summary=[words], sections=parts)
     return parts
