@@ -1,7 +1,8 @@
 """Control law as an object or function of Python.
 
-The object is a linear law, has a method step(y), or is a function u = f(y). The command line names a law in a file. In Python a law may exist as an object alone. The run folder then holds the law
-itself: a linear law as ``controller.toml``, which runs again, and any other law as ``law.txt``, which is a record.
+The object is a linear law, has a method step(y), or is a function u = f(y). The command line names a law in a file. In
+Python a law may exist as an object alone. The run folder then holds the law itself: a linear law as ``controller.toml``,
+which runs again, and any other law as ``law.txt``, which is a record.
 """
 
 import inspect
