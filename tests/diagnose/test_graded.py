@@ -101,10 +101,6 @@ def test_a_partial_explanation_needs_the_larger_part_of_the_posterior_in_its_fam
     attempt = replace(attempt, findings=(replace(attempt.findings[0], family=family),))
     assert is_partial_explanation(attempt, choice(coulomb_friction=0.5, added_mass=0.3))
     assert not is_partial_explanation(attempt, choice(coulomb_friction=0.3, added_mass=0.5))
-    # a further effect that hardly any probable hypothesis has is no part of an explanation
-    beside = replace(finding("added-mass"), family=EFFECTS["added-mass"].family)
-    of_both = replace(attempt, findings=(*attempt.findings, beside))
-    assert not is_partial_explanation(of_both, choice(coulomb_friction=0.9, added_mass=0.05))
 
 
 @pytest.mark.parametrize(("after", "stands"), [(0.32, False), (0.28, True)])

@@ -391,12 +391,14 @@ class _Pass:
         attempt = best_attempt(judged.tried, (trials.of_hypothesis(h, self.effects) for h in others), is_partial)
         if attempt is None or not is_partial(attempt):
             return replace(judged, attempt=attempt)
+
+        def terms_of(fit: Fit) -> list[Finding]:
+            return findings_of_terms(judged.choice, fit, searched.problem)
+
         attempt = without_useless(
-            attempt,
-            len(judged.seen.of_law(searched.problem)),
-            lambda fewer: trials.of(fewer, findings_of_terms(judged.choice, fewer, searched.problem)),
-            is_partial,
+            attempt, len(judged.seen.of_law(searched.problem)), lambda few: trials.of(few, terms_of(few)), is_partial
         )
+        attempt = trials.probable(attempt, judged.choice, searched.found.whole.fit, terms_of, is_partial)
         after = judged.seen.on(extended(searched.problem, attempt.fit))
         after = after if trials.change is None else trials.change(after)
         return replace(judged, verdict="partly-explained", tried=attempt, fit=attempt.fit, after=after)

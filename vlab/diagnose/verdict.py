@@ -1,6 +1,6 @@
 """Verdict of a diagnosis from errors on hold-out recordings."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 
 import numpy as np
@@ -281,29 +281,29 @@ def explains_most(checked: Sequence[Distance]) -> bool:
     return explains_part(checked) and 2.0 * total(tests, "after") ** 2 <= total(tests, "start") ** 2
 
 
-def family_share(choice: Choice, family: str) -> float:
-    """Return the posterior share of a family among all fitted effects.
+def family_share(choice: Choice, families: Collection[str]) -> float:
+    """Return the posterior share of some families among all fitted effects.
 
     Parameters
     ----------
     choice : Choice
         Choice with its ranking.
-    family : str
-        Family.
+    families : collection of str
+        Families of one hypothesis.
 
     Returns
     -------
     float
-        Share of the hypotheses with an effect of the family [1].
+        Share of the hypotheses with an effect of one of the families [1].
     """
-    shares = [(p, any(t.effect.family == family for t in h.terms)) for h, p in choice.tried if h.terms]
+    shares = [(p, any(t.effect.family in families for t in h.terms)) for h, p in choice.tried if h.terms]
     return sum(p for p, is_own in shares if is_own) / max(sum(p for p, _ in shares), 1e-300)
 
 
 def is_partial_explanation(attempt: Attempt, choice: Choice, *, has_mesh_error: bool = False) -> bool:
     """Return whether an attempt is a partial explanation.
 
-    Its effects generalise, and each of their families has more than half of the posterior of all fitted effects. Beside mesh error
+    Its effects generalise, and their families have more than half of the posterior of all fitted effects. Beside mesh error
     they must explain more than they leave, since any effect absorbs a part of the errors of mesh, masses and stiffnesses.
 
     Parameters
@@ -320,12 +320,10 @@ def is_partial_explanation(attempt: Attempt, choice: Choice, *, has_mesh_error: 
     bool
         Whether the attempt may be reported.
     """
-    tried = {term.effect.family for h, _ in choice.tried for term in h.terms}
-    families = tried & {finding.family for finding in attempt.findings}  # findings from the data alone have no rivals
-    is_probable = bool(families) and all(family_share(choice, family) > 0.5 for family in families)
+    families = {finding.family for finding in attempt.findings}
     is_held_out = all(c.role == "holdout" for c in attempt.checked)
     explains = explains_most if has_mesh_error else explains_part
-    return is_held_out and explains(attempt.checked) and is_probable
+    return is_held_out and explains(attempt.checked) and family_share(choice, families) > 0.5
 
 
 def has_plausible_parameters(fit: Fit) -> bool:

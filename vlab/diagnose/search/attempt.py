@@ -11,13 +11,14 @@ from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.diagnosis import Attempt, Finding
 from vlab.diagnose.findings import findings_of_attempt
 from vlab.diagnose.inference.evidence import Hypothesis, effective_sample_size
+from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.ablation import ablate
 from vlab.diagnose.settings import ATTEMPT, MODEL_CHOICE
 from vlab.diagnose.validation.gap import total, verifying
 from vlab.diagnose.validation.simulation import ExtendedModel, SimulationCache, check, extended
-from vlab.diagnose.verdict import explains_most, explains_part, has_plausible_parameters
+from vlab.diagnose.verdict import explains_most, explains_part, family_share, has_plausible_parameters
 from vlab.physics.effect import Effect
 
 
@@ -147,6 +148,41 @@ class Trials:
             if total(verifying(other.checked), "after") <= most and stands(other):
                 return other
         return attempt
+
+    def probable(
+        self,
+        attempt: Attempt,
+        choice: Choice,
+        refit: Callable[[Sequence[Term], Fit], Fit],
+        findings_of: Callable[[Fit], Sequence[Finding]],
+        stands: Callable[[Attempt], bool],
+    ) -> Attempt:
+        """Return an attempt without effects that hardly any probable hypothesis has.
+
+        Parameters
+        ----------
+        attempt : Attempt
+            Attempt on these recordings.
+        choice : Choice
+            Choice with its ranking.
+        refit : callable
+            Returns the final fit of terms from another fit.
+        findings_of : callable
+            Returns the findings of a fit.
+        stands : callable
+            Whether an attempt with fewer effects may be reported.
+
+        Returns
+        -------
+        Attempt
+            Refitted attempt with families of more than half of the posterior; `attempt` itself if that does not stand.
+        """
+        terms = [term for term in attempt.fit.terms if family_share(choice, {term.effect.family}) > 0.5]
+        if len(terms) in (0, len(attempt.fit.terms)):
+            return attempt
+        fit = refit(terms, attempt.fit)
+        fewer = self.of(fit, findings_of(fit))
+        return fewer if stands(fewer) else attempt
 
 
 def without_useless(
