@@ -1,5 +1,6 @@
 """The fewest effects that predict hold-out recordings as well, and no effects of improbable families."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -60,6 +61,16 @@ def test_effects_that_predict_nothing_are_not_reported(both, alone, count):
     best = attempt_of(BOTH.fit, both)
     assert len(held.plainest(best, [BOTH, ONE], refit, lambda fit: [], lambda a: True).fit.terms) == count
     assert held.plainest(best, [BOTH, ONE], refit, lambda fit: [], lambda a: False) is best
+
+
+def test_an_effect_that_implausible_parameters_can_replace_stays():
+    def moved(terms, start):
+        return replace(
+            fit_of(*terms), chi2=101.0, information=np.ones(4)
+        )  # 100 of chi-squared with 4 degrees of freedom
+
+    best = attempt_of(BOTH.fit, 0.1)
+    assert trials({2: 0.1, 1: 0.1}).plainest(best, [BOTH, ONE], moved, lambda fit: [], lambda a: True) is best
 
 
 def test_an_effect_without_hold_out_data_stays():

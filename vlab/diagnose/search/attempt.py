@@ -145,7 +145,9 @@ class Trials:
         for h in sorted(fewer, key=lambda h: len(h.terms))[: ATTEMPT.most_attempts]:
             fit = refit(h.long_fit.terms, attempt.fit)
             other = self.of(fit, findings_of(fit))
-            if total(verifying(other.checked), "after") <= most and stands(other):
+            # implausible parameters absorb what the missing effect did
+            is_plausible = has_plausible_parameters(fit)
+            if is_plausible and total(verifying(other.checked), "after") <= most and stands(other):
                 return other
         return attempt
 
