@@ -337,15 +337,12 @@ class _Pass:
         problem, seen, fit = searched.problem, judged.seen, judged.fit
         nominal = ExtendedModel(plant=self.whole_case.plant)
         trials = Trials(problem=problem, seen=seen, runs=searched.runs, before=judged.before, nominal=nominal)
-
-        def terms_of(fit: Fit) -> list[Finding]:
-            return findings_of_terms(judged.choice, fit, problem)
-
+        terms_of = partial(findings_of_terms, judged.choice, problem=problem)
         is_plausible = is_plausible_beside_noise(judged.confirmed.before)
         decide = partial(decide_verdict, judged.choice, model_kind=problem.model_kind, is_plausible=is_plausible)
 
         def verdict_on(trials: Trials, tried: Attempt) -> Verdict:
-            fitted = partial(_on_fit_runs, trials, tried.fit, terms_of(tried.fit))
+            fitted = partial(trials.on_fitted, tried.fit, terms_of(tried.fit))
             return decide(tried.checked, seen, fitted=fitted)
 
         tried = trials.of(fit, terms_of(fit))
@@ -391,10 +388,7 @@ class _Pass:
         attempt = best_attempt(judged.tried, (trials.of_hypothesis(h, self.effects) for h in others), is_partial)
         if attempt is None or not is_partial(attempt):
             return replace(judged, attempt=attempt)
-
-        def terms_of(fit: Fit) -> list[Finding]:
-            return findings_of_terms(judged.choice, fit, searched.problem)
-
+        terms_of = partial(findings_of_terms, judged.choice, problem=searched.problem)
         attempt = without_useless(
             attempt, len(judged.seen.of_law(searched.problem)), lambda few: trials.of(few, terms_of(few)), is_partial
         )
@@ -488,8 +482,3 @@ class _Pass:
 def _sought(effects: Sequence[Effect], at: Collection[str]) -> list[Effect]:
     """Return effects that are sought at some places only."""
     return [limited(effect, at) for effect in effects] if at else list(effects)
-
-
-def _on_fit_runs(trials: Trials, fit: Fit, terms: Sequence[Finding]) -> Sequence[Checked]:
-    """Return the errors on the fitted recordings."""
-    return replace(trials, runs=trials.problem.runs).of(fit, terms).checked

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vlab.recordings.workers.rows import LONGEST_STAMP
 from vlab.signals import Array
 
 _STAMP = re.compile(
@@ -18,8 +19,6 @@ _STAMP = re.compile(
 )
 _SECOND = 10**9
 _DAY = 86_400 * _SECOND
-LONGEST = 45
-"""LONGEST [1]: characters of the longest stamp."""
 FORM = "ISO 8601 (2025-03-01T10:00:00.250) or clock time (10:00:00.250)"
 """FORM: accepted stamps, for messages."""
 
@@ -64,7 +63,7 @@ class BadStamp(ValueError):
 
 def is_stamp(text: str) -> bool:
     """Return whether a text has the form of a time stamp."""
-    return text[:1].isdigit() and len(text) <= LONGEST and _STAMP.fullmatch(text) is not None
+    return text[:1].isdigit() and len(text) <= LONGEST_STAMP and _STAMP.fullmatch(text) is not None
 
 
 def read_stamp(text: str) -> Stamp | None:
@@ -80,7 +79,7 @@ def read_stamp(text: str) -> Stamp | None:
     Stamp or None
         None if the text is no stamp, or states a time that does not exist.
     """
-    match = _STAMP.fullmatch(text) if len(text) <= LONGEST else None
+    match = _STAMP.fullmatch(text) if len(text) <= LONGEST_STAMP else None
     if match is None:
         return None
     date, clock, decimals, offset = match.groups()

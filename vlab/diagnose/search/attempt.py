@@ -16,6 +16,7 @@ from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.ablation import ablate
 from vlab.diagnose.settings import ATTEMPT, MODEL_CHOICE
+from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import total, verifying
 from vlab.diagnose.validation.simulation import ExtendedModel, SimulationCache, check, extended
 from vlab.diagnose.verdict import explains_most, explains_part, family_share, has_plausible_parameters
@@ -83,6 +84,23 @@ class Trials:
             cache=self.cache,
         )
         return Attempt(findings=findings, fit=fit, checked=tuple(checked))
+
+    def on_fitted(self, fit: Fit, findings: Sequence[Finding]) -> tuple[Checked, ...]:
+        """Return the errors of a fit on the fitted recordings.
+
+        Parameters
+        ----------
+        fit : Fit
+            Fit of the extended model.
+        findings : sequence of Finding
+            Reported effects of the fit.
+
+        Returns
+        -------
+        tuple of Checked
+            Errors.
+        """
+        return replace(self, runs=self.problem.runs).of(fit, findings).checked
 
     def of_hypothesis(self, hypothesis: Hypothesis, effects: Sequence[Effect]) -> Attempt:
         """Return the errors of an unchosen hypothesis.

@@ -52,7 +52,7 @@ def with_left_out(
     Attempt
         Attempt with further errors; unchanged where fewer than two fitted recordings excite the effect.
     """
-    fitted = replace(trials, runs=trials.problem.runs).of(attempt.fit, attempt.findings).checked
+    fitted = trials.on_fitted(attempt.fit, findings_of(attempt.fit))
     exciting = [c.run for c in fitted if any(not part.is_idle for part in c.parts)]
     if len(exciting) < 2:
         return attempt
