@@ -13,8 +13,8 @@ WRONG, WRONG_PARTS, TWICE = 0.25, 1 / 3, (1.5, 2.5)
 """WRONG, WRONG_PARTS, TWICE [-]: share of the cases with parameters about twice as far off as stated, and share of such
 parameters there. The last is the range of their deviation over the statement."""
 COLOURED, OVER_WHITE, TIME_CONSTANT = 0.3, (0.5, 1.5), (0.005, 0.05)
-"""COLOURED, OVER_WHITE [-], TIME_CONSTANT [s]: share of the cases with coloured noise, and ranges of the standard
-deviation of the coloured part over the white one and of its time constant."""
+"""COLOURED, OVER_WHITE [-], TIME_CONSTANT [s]: share of the cases with coloured noise, range of the coloured part
+over the white one, and range of its time constant."""
 STRAY, OF_COMMAND = 0.15, (0.005, 0.03)
 """STRAY, OF_COMMAND [-]: share of the cases with forces that are not recorded, and range of their rms over that of the
 recorded ones."""
