@@ -9,6 +9,7 @@ from vlab.cases.case import Case
 from vlab.cases.channel_map import Run
 from vlab.cases.clock import plan_clock
 from vlab.diagnose.data.repeats import with_repeats
+from vlab.diagnose.parameters.recorded_runs import with_noise_of
 from vlab.diagnose.settings import RECORDED_RUNS
 from vlab.errors import BadCase
 
@@ -69,11 +70,9 @@ def read_holdout(case: Case, names: Sequence[str], fitted: Sequence[Run] = ()) -
         if not moves(run):
             notes.append(f"{run.name}: no compared sensor moves, so it verifies nothing and is left out")
             continue
-        if len(run.measured) < RECORDED_RUNS.least_samples:
-            few = len(run.measured)
-            notes.append(
-                f"{run.name}: {few} samples verify nothing, so it is left out; at least {RECORDED_RUNS.least_samples} do"
-            )
+        few, least = len(run.measured), RECORDED_RUNS.fewest_samples
+        if few < least:
+            notes.append(f"{run.name}: {few} samples verify nothing, so it is left out; at least {least} do")
             continue
         runs.append(run)
         absent = [name for name in names if name not in run.measured.names]
@@ -90,7 +89,7 @@ def read_holdout(case: Case, names: Sequence[str], fitted: Sequence[Run] = ()) -
     if not runs:
         notes.append("no hold-out recording: nothing could be verified on data that the search did not use")
     return HoldOut(
-        runs=held_out,
+        runs=with_noise_of(held_out, [*held_out, *fitted]),
         notes=(*notes, *_unused(case)),
         is_new=len(repeated) < len(runs),
     )

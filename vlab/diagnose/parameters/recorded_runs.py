@@ -12,6 +12,7 @@ from vlab.cases.clock import plan_clock
 from vlab.cases.initial_state import replayed_commands
 from vlab.cases.replay_bench import bench_for
 from vlab.diagnose.data.band import fastest
+from vlab.diagnose.data.noise import estimate_noise
 from vlab.diagnose.data.repeats import with_repeats
 from vlab.diagnose.parameters.observation import within_limits
 from vlab.diagnose.settings import RECORDED_RUNS
@@ -84,11 +85,11 @@ def read_runs(case: Case, roles: Sequence[str]) -> RecordedRuns:
         No recording, too short recordings only, or different channels.
     """
     every = case.runs(roles)
-    runs = with_repeats([run for run in every if len(run.measured) >= RECORDED_RUNS.least_samples])
+    runs = with_repeats([run for run in every if len(run.measured) >= RECORDED_RUNS.fewest_samples])
     if not every:
         only = ", or one of the [[frf]] and [[modal]] as fit" if case.table.frf or case.table.modal else ""
         raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}; mark at least one{only}")
-    if not runs:
+    if not any(map(has_noise_floor, runs)):
         longest = max(every, key=lambda run: len(run.measured))
         raise BadCase(
             f"{case.path}: {longest.name} has {len(longest.measured)} samples; at least {RECORDED_RUNS.least_samples} tell motion "
@@ -102,10 +103,44 @@ def read_runs(case: Case, roles: Sequence[str]) -> RecordedRuns:
             )
     by_law = {i for run in runs if run.law is not None for i in run.law.actuators}
     return RecordedRuns(
-        runs=runs,
+        runs=with_noise_of(runs, runs),
         channels=channels,
         load_ports=tuple(dict.fromkeys(d.port for run in runs for d in run.drives if d.port)),
         driven=tuple(sorted({d.actuator for run in runs for d in run.drives if d.actuator is not None} | by_law)),
+    )
+
+
+def has_noise_floor(run: Run) -> bool:
+    """Return whether a run is long enough for a noise floor of its own."""
+    return len(run.measured) >= RECORDED_RUNS.least_samples
+
+
+def with_noise_of(runs: Sequence[Run], others: Sequence[Run]) -> tuple[Run, ...]:
+    """Return runs, the short ones with the noise of longer runs.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        Runs; stated noise and noise between repeats remain.
+    others : sequence of Run
+        Runs of the same sensors.
+
+    Returns
+    -------
+    tuple of Run
+        Runs. A short run states the median noise of the longer ones.
+    """
+    longer = [run for run in others if has_noise_floor(run)]
+
+    def of_longer(c: Compared) -> Compared:
+        found = [estimate_noise(run, c.channel).sigma for run in longer if c.channel in run.measured.names]
+        return replace(c, noise=float(np.median(found))) if found and c.noise is None else c
+
+    return tuple(
+        run
+        if has_noise_floor(run) or run.repeats
+        else replace(run, compared=tuple(map(of_longer, run.compared)))
+        for run in runs
     )
 
 
@@ -126,7 +161,7 @@ def short_notes(case: Case, runs: Sequence[Run]) -> list[str]:
     """
     names = {run.name for run in runs}
     return [
-        f"{run.name}: {len(run.measured)} samples do not tell motion from noise, so it is left out; at least {RECORDED_RUNS.least_samples} do"
+        f"{run.name}: {len(run.measured)} samples do not tell motion from noise, so it is left out; at least {RECORDED_RUNS.fewest_samples} do"
         for run in case.runs(("fit",))
         if run.name not in names
     ]

@@ -128,8 +128,11 @@ class RecordedRunsSettings:
     """Settings of `vlab.diagnose.parameters.recorded_runs`."""
 
     least_samples: int = 64
-    """least_samples [samples]: shortest recording, for a spectrum with a noise floor, above 0; default untested.
-    Raising it refuses more recordings."""
+    """least_samples [samples]: shortest recording with a spectrum that has a noise floor, above 0; default untested.
+    Raising it refuses more cases."""
+    fewest_samples: int = 16
+    """fewest_samples [samples]: shortest recording beside one of `least_samples`, whose noise it takes, above 0; default
+    untested. Raising it leaves out more recordings."""
 
 
 @dataclass(frozen=True, kw_only=True)
