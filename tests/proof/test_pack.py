@@ -83,6 +83,8 @@ def test_a_file_counts_to_the_score_and_the_page_of_the_folders(folders, file, t
     assert status == 0
     assert "every measure is that of the packed score" in text
     assert run(capsys, "prove", str(folders[0]), "--jobs", "1")[0] == 0
+    targets = {m["measure"]: m["target"] for m in json.loads((folders[1] / SCORE).read_text())["measures"]}
+    assert targets["out of library: physics named"] == "<= 0.05"  # as the manifest sets down
     for name in (SCORE, "report.html"):
         assert (out / "cases-answers" / name).read_bytes() == (folders[1] / name).read_bytes()
     assert len(run(capsys, "prove", str(out / "cases"), "--jobs", "1")[1]) > 0  # an unpacked campaign goes on
@@ -131,6 +133,10 @@ CHANGES = {
     "answer left out": (lambda head, row: [row.pop(key) for key in ("answer", "truth", "frozen")], "were left out"),
     "part left out": (lambda head, row: row.pop("truth"), "line 2 is no case of a packed campaign"),
     "twice": (lambda head, row: row.update(case="case-002"), "a case is there twice"),
+    "targets": (
+        lambda head, row: head["manifest"]["targets"].update({"Brier score": {"at_most": "0"}}),
+        "the manifest was changed",
+    ),
     "format": (lambda head, row: head.update(format="vlab-campaign-0"), "not a packed campaign"),
 }
 

@@ -19,7 +19,7 @@ from vlab.proof import conceal as concealing
 from vlab.proof.campaign import common_instructions, run_all
 from vlab.proof.conceal import conceal_cases, regenerate_cases, unfinished_folder
 from vlab.proof.prove import freeze, frozen_answers, prove, read_commitments
-from vlab.proof.seal import ANSWERS, FROZEN, answers_folder, canonical, opened, sealed, truth_folder
+from vlab.proof.seal import ANSWERS, FROZEN, answers_folder, canonical, digest, opened, sealed, truth_folder
 from vlab.proof.truth import REMADE, open_truth
 from vlab.views.reports.proof import write_proof
 
@@ -288,7 +288,7 @@ def test_answers_that_come_after_the_opening_are_told_from_the_first(cases, answ
 
 def test_the_page_says_that_the_rules_were_changed(cases, answered, monkeypatch):
     assert prove(cases, answers_folder(cases), jobs=1)["is_counted_as_set_down"]
-    monkeypatch.setattr(proving, "scoring_digest", lambda: "another")
+    monkeypatch.setattr("vlab.proof.manifest.scoring_digest", lambda *sources: "another")
     found = prove(cases, answers_folder(cases), jobs=1)
     assert not found["is_counted_as_set_down"]
     write_proof(found, cases.with_name("report.html"))
@@ -338,6 +338,18 @@ def test_a_changed_manifest_is_refused(cases, answered):
     edit(out / "manifest.json", lambda d: d.update(code="0"))
     with pytest.raises(BadProof, match="manifest was changed"):
         frozen_answers(out, read_commitments(cases))
+
+
+@pytest.mark.parametrize("targets", ["none", {"Brier score": 0.05}, {"Brier score": {"at_most": "low"}}])
+def test_targets_that_are_none_are_refused_in_one_line(cases, answered, capsys, targets):
+    out = answers_folder(cases)
+    prove(cases, out, jobs=1)
+    edit(out / "manifest.json", lambda d: d.update(targets=targets))
+    changed = digest(json.loads((out / "manifest.json").read_text()))
+    edit(out / FROZEN, lambda d: d.update(manifest=changed))
+    status, _, err = run(capsys, "prove", str(cases), "--jobs", "1")
+    assert (status, err.count("\n")) == (2, 1)
+    assert f"{out / 'manifest.json'}: not a manifest as vlab writes it" in err
 
 
 def test_the_first_cases_can_be_answered_alone_and_no_others_left_out(cases, answered):

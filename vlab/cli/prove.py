@@ -12,9 +12,11 @@ from vlab.cli.conceal import add_engine
 from vlab.errors import BadExperiment, OutputRefused
 from vlab.files.output_folder import numbered_folder
 from vlab.proof.conceal import conceal_cases
+from vlab.proof.levels import level_table
 from vlab.proof.pack import CASES, gather, is_pack, write_pack
 from vlab.proof.prove import baseline_table, prove, prove_packed, table_rows
 from vlab.proof.seal import answers_folder, truth_folder
+from vlab.proof.stated import decision_table, stated_table
 
 QUICK_CASES = 12
 QUICK_BENCHES = ("slider", "shaft")
@@ -176,6 +178,8 @@ def _outcome(found: dict[str, Any], seed: int | None) -> Outcome:
         text_table(*table_rows(found)),
         text_table(["suite", "cases", "right", "95 % interval", "verdicts"], _suites(found)),
     ]
+    parts += [text_table(*level_table(found["levels"])), text_table(*decision_table(found["decisions"]))]
+    parts.append(text_table(*stated_table(found["stated"])))
     if len(found["judged"]) <= MOST_SHOWN:
         heads = ["case", "suite", "bench", "hidden", "at", "answered", "at", "right"]
         parts.append(text_table(heads, [_case(j) for j in found["judged"]]))

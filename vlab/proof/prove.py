@@ -13,7 +13,8 @@ from vlab.proof import document_schema as shapes
 from vlab.proof.answer import Report, answer_case, write_worst
 from vlab.proof.campaign import run_all
 from vlab.proof.judge import Judged, judge
-from vlab.proof.manifest import manifest, scoring_digest
+from vlab.proof.levels import level_rows
+from vlab.proof.manifest import is_set_down, manifest, scoring_digest
 from vlab.proof.pack import changed_measures, read_pack, unpack
 from vlab.proof.score import baseline_rows, score
 from vlab.proof.seal import (
@@ -30,7 +31,9 @@ from vlab.proof.seal import (
     truth_folder,
     write_json,
 )
-from vlab.proof.servo_scoring import partial_rows
+from vlab.proof.servo_scoring import arm_rows, partial_rows
+from vlab.proof.stated import decision_rows, stated_rows
+from vlab.proof.targets import SHAPE, with_targets
 from vlab.proof.truth import check_remade, note_opening, open_truth
 
 SHOWN = (
@@ -61,6 +64,8 @@ SHOWN = (
     "error",
 )
 """SHOWN: parts of every case in the score."""
+MANIFEST_SHAPE = {"targets?": SHAPE}
+"""MANIFEST_SHAPE: counted parts of a manifest; see `vlab.proof.document_schema.has_shape`."""
 Progress = Callable[[int, int], None]
 
 
@@ -205,18 +210,23 @@ def _counted(
     check_remade(truths, commitments, remade, out, engine, jobs, scheduler, progress)
     judged = [judge(truths[name], answer) for name, answer in answers.items()]
     found = score(judged)
-    found["measures"] += partial_rows(truths, answers)
+    answered_with = read_shaped(out / MANIFEST, MANIFEST_SHAPE, "a manifest")
+    found["measures"] += [*arm_rows(judged), *partial_rows(truths, answers)]
+    found["measures"] = with_targets(found["measures"], answered_with.get("targets", {}))
+    found["levels"] = level_rows(judged, truths, answers)
+    found["decisions"] = decision_rows(judged)
+    found["stated"] = stated_rows(judged, truths, answers)
     found["baselines"] = baseline_rows(judged, answers, truths)
     found["plan"] = truths["plan"]
     found["never_hidden"] = sorted(
         {e.physics for e in EFFECTS.values()} - {e for n in answers for h in truths[n]["hidden"] for e in h["accepted"]}
     )
-    found["answered_with"] = read_shaped(out / MANIFEST, {}, "a manifest")
+    found["answered_with"] = answered_with
     found["counted_with"] = scoring_digest()
     found["is_answered_first"] = is_first
     if remade:
         found["truths_made_again"] = remade
-    found["is_counted_as_set_down"] = found["answered_with"].get("scoring") == found["counted_with"]
+    found["is_counted_as_set_down"] = is_set_down(answered_with)
     found["judged"] = [_row(j) for j in judged]
     for row in found["worst"]:
         row["report"] = None
