@@ -9,9 +9,13 @@ import pytest
 import vlab.proof.prove as proving
 from vlab.errors import BadProof
 from vlab.files.assets import asset
+from vlab.proof.judge import judge
+from vlab.proof.levels import LEVELS, level_rows
 from vlab.proof.pack import read_pack, unpack
 from vlab.proof.prove import prove_packed
 from vlab.proof.seal import SCORE, truth_folder
+from vlab.proof.stated import THRESHOLDS, decision_rows, stated_rows
+from vlab.proof.targets import TARGETS
 from vlab.proof.truth import check_remade, open_truth
 from vlab.views.reports.proof import write_proof
 
@@ -121,6 +125,57 @@ def test_the_page_says_what_was_counted(row):
     assert target == " to ".join(short(float(x)) for x in measure["target"].strip("<>= ").split(" to ") if x)
     said = "shown" if measure["shown"] else {True: "met", False: "missed", None: ""}[measure["met"]]
     assert met.partition(",")[0] == said
+
+
+def judged(*files):
+    """The judged cases of some campaigns, with truths and answers by name; names differ between the fresh ones."""
+    answers = {name: answer for file in files for name, answer in campaign(file).answers.items()}
+    truths = {name: kept["truth"] for file in files for name, kept in campaign(file).truths.items()}
+    return [judge(truths[name], answer) for name, answer in answers.items()], truths, answers
+
+
+def line_of(row):
+    """The cells of the one line of the page that begins so."""
+    (line,) = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith(f"| {row} |")]
+    return [cell.strip() for cell in line.split("|")[2:-1]]
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_the_page_says_how_far_answers_are_right(level):
+    names = {"place": "exact place", "family": "and family", "effect": "and effect in class", "form": "and law"}
+    rates = [level_rows(*judged(file))[0][level] for file in (CASES, FRESH, LATER)]
+    assert line_of(names[level]) == [f"{rate['count']} of {rate['of']}" for rate in rates]
+
+
+def test_the_levels_agree_with_the_measures():
+    """Counted on another way: the first rates of the score."""
+    for file in (CASES, FRESH, LATER):
+        measures = {m["measure"]: m for m in campaign(file).score["measures"]}
+        row = level_rows(*judged(file))[0]
+        assert row["effect"]["count"] == measures["right class and exact place"]["count"]
+        assert row["cases"] == measures["right equivalence class, first answer"]["of"]
+
+
+@pytest.mark.parametrize("measure", TARGETS)
+def test_the_page_says_the_targets_of_new_campaigns(measure):
+    assert line_of(f"`{measure}`") == [TARGETS[measure].words]
+
+
+@pytest.mark.parametrize("threshold", THRESHOLDS)
+def test_the_page_says_which_decisions_are_right(threshold):
+    cells = line_of(f"{threshold:g}" if threshold else "any")
+    for cell, files in zip(cells, [(CASES,), (FRESH, LATER)], strict=True):
+        (row,) = [row for row in decision_rows(judged(*files)[0]) if row["threshold"] == threshold]
+        assert cell == f"{row['right']}, {row['wrong']}, {row['abstained']}"
+
+
+def test_the_page_says_how_probabilities_score():
+    rows = [stated_rows(*judged(file))[0] for file in (CASES, FRESH, LATER)]
+    shown = [f"{short(row['log_score'])} ({short(row['constant'])})" for row in rows]
+    assert line_of("of the stated probabilities") == shown
+    for row, file in zip(rows, (CASES, FRESH, LATER), strict=True):
+        (kept,) = [m for m in campaign(file).score["measures"] if m["measure"] == "Brier score"]
+        assert (row["brier"], row["of"]) == (pytest.approx(kept["value"]), kept["of"])
 
 
 def as_shown(measure):
