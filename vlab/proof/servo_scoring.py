@@ -10,9 +10,10 @@ from vlab.proof.equivalence import BAND_HZ, right_class
 from vlab.proof.judge import Judged, same_place
 from vlab.proof.score import HEADLINE
 from vlab.proof.statistics import rate
+from vlab.proof.suites import ARM
 
-ARM, ON_ARMS = "arm", "right class on the arms"
-"""ARM, ON_ARMS: bench of arms, and its row in the table of measures."""
+ON_ARMS = "right class on the arms"
+"""ON_ARMS: row of the arms in the table of measures."""
 ARM_HZ = 6.0
 """ARM_HZ [Hz]: highest frequency in the motions of an arm, twice the highest line of a multisine: servos smooth steps."""
 BAND_HZ.setdefault(ARM, ARM_HZ)
