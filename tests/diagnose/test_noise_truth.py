@@ -41,6 +41,14 @@ def estimated(u, y, time=TIME):
     return estimate_noise(run_of(time, {"x": y}, {"u": u}), "x")
 
 
+@pytest.mark.parametrize("count", [64, 126, 127, 254, 255, 383, 766, 767, 1022, 1023])
+def test_records_of_any_length_have_a_noise_floor(count):
+    """Half of these spectra have a multiple of the number of groups of bins."""
+    rng = np.random.default_rng(count)
+    floor = even_floor(np.cumsum(rng.standard_normal(count)) + 0.01 * rng.standard_normal(count), None)
+    assert 0.0 < floor.sigma < 2.0
+
+
 # ---- one record -------------------------------------------------------------------------------------------------------
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -19,13 +20,18 @@ from vlab.proof.generator.rigs import shaft, slider
 
 OWN_FE, SHARED_FE = "own-fe", "shared-fe"
 """OWN_FE, SHARED_FE: sources of beam and grid. The own FE code of the generator, with deviations that the nominal model
-cannot take up; or the FE code of the diagnosed plants. Cases sealed without a named source are of `SHARED_FE`."""
-_RIGS: dict[str, Callable[[], Blueprint]] = {"slider": slider, "shaft": shaft}
+cannot take up; or the FE code of the diagnosed plants. Cases sealed without a named source are of `SHARED_FE`, and their
+rigs have exact statements and accurate steps."""
 SOURCES: dict[str, dict[str, Callable[[], Blueprint]]] = {
-    OWN_FE: {**_RIGS, "beam": built_structure.beam, "grid": built_structure.grid},
-    SHARED_FE: {**_RIGS, "beam": laboratory.beam, "grid": laboratory.grid},
+    OWN_FE: {
+        "slider": partial(slider, is_varied=True),
+        "shaft": partial(shaft, is_varied=True),
+        "beam": built_structure.beam,
+        "grid": built_structure.grid,
+    },
+    SHARED_FE: {"slider": slider, "shaft": shaft, "beam": laboratory.beam, "grid": laboratory.grid},
 }
-"""SOURCES: benches by the source of the structures; the rigs are the same."""
+"""SOURCES: benches by the source of the structures."""
 ARM = "arm"
 """ARM: bench of arms on position servos, see `vlab.proof.generator.arm`."""
 BENCHES = (*SOURCES[OWN_FE], ARM)

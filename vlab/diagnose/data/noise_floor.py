@@ -115,7 +115,7 @@ def _filtered_floor(power: Array, least: float) -> slice | None:
 
     The floor lies below every lower frequency, since the recorded motion is above the noise there.
     """
-    width = len(power) // NOISE.groups
+    width = (len(power) - 1) // NOISE.groups  # without the mean
     if width < 2:
         return None
     groups = np.median(power[1 : 1 + width * NOISE.groups].reshape(NOISE.groups, width), axis=1)

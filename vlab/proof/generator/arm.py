@@ -5,15 +5,16 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import signal
 
 from vlab.errors import BadExperiment, Diverged
+from vlab.proof.generator import statement
 from vlab.proof.generator.arm_commands import MOTIONS, motion
 from vlab.proof.generator.arm_models import ARMS, FLOOR, Arm, benign_of, built, mjcf_of
 from vlab.proof.generator.arm_setup import ServoArm, direct, scales_of
 from vlab.proof.generator.arm_sizing import ArmRefit
 from vlab.proof.generator.bench import Benign, Nominal
 from vlab.proof.generator.concealed import CLOSE, DRAWS, LARGEST, MOST_HALVED, TRIES, Concealed, Wanted
+from vlab.proof.generator.hardware import red_noise
 from vlab.proof.generator.hidden import Hidden, Kind
 from vlab.proof.generator.plan import Plan, Recording
 from vlab.proof.generator.sizing import Size
@@ -32,16 +33,13 @@ STATED: dict[str, tuple[float, ...]] = {
 """STATED [-]: round standard deviations that a case states, by kind."""
 EXACT = 1e-3
 """EXACT [-]: stated standard deviation of the encoders' gains; the true gains are exact."""
-WRONG, WRONG_PARTS, TWICE = 0.25, 1 / 3, (1.5, 2.5)
-"""WRONG, WRONG_PARTS, TWICE [-]: share of the cases with parameters about twice as far off as stated, and share of such
-parameters there. The last is the range of their deviation over the statement."""
 RATES, SECONDS = {50.0: 0.25, 100.0: 0.5, 200.0: 0.25}, (5.0, 6.0, 8.0, 10.0)
 """RATES [Hz], SECONDS [s]: rates of the log with their frequencies, and lengths of the recordings."""
 TIMESTEPS = {0.001: 0.4, 0.002: 0.4, 0.005: 0.2}
 """TIMESTEPS [s]: steps of the nominal model with their frequencies; the last one is coarse."""
 INTEGRATORS = {"implicitfast": 0.7, "Euler": 0.3}
-GENERAL, RATED, EFFORT, COLOURED = 0.25, 0.3, 0.15, 0.3
-"""GENERAL, RATED, EFFORT, COLOURED [-]: frequencies of general actuators, logged rates, logged moments, coloured noise."""
+GENERAL, RATED, EFFORT = 0.25, 0.3, 0.15
+"""GENERAL, RATED, EFFORT [-]: frequencies of general actuators, logged rates, logged moments."""
 NOISE = {"arm": (5e-5, 4e-4), FLOOR.name: (3e-5, 2e-4)}
 """NOISE [rad]: range of the white noise of an angle."""
 OTHER_NOISE = {"rate": 0.01, "effort": 0.02}
@@ -142,10 +140,10 @@ def _picked(rng: np.random.Generator, options: Mapping[Any, float]) -> Any:
 
 def _draw(rng: np.random.Generator) -> _Drawn:
     arm = ARMS[int(rng.integers(len(ARMS)))]
-    stated = {kind: float(rng.choice(values)) for kind, values in STATED.items()}
+    stated = statement.stated(STATED, rng)
     benign = benign_of(stated, arm)
-    is_wrong = bool(rng.random() < WRONG)
-    factors = _deviations(benign, is_wrong, rng)
+    is_wrong = bool(rng.random() < statement.WRONG)
+    factors = statement.deviations(benign, rng, is_wrong=is_wrong)
     logged: tuple[str, ...] = ("angle",)
     logged += ("rate",) if rng.random() < RATED else ()
     logged += ("effort",) if rng.random() < EFFORT else ()
@@ -183,17 +181,6 @@ def _draw(rng: np.random.Generator) -> _Drawn:
     )  # fmt: skip
 
 
-def _deviations(benign: tuple[Benign, ...], is_wrong: bool, rng: np.random.Generator) -> dict[str, float]:
-    """Draw the log-factors of an arm as built."""
-    out = {}
-    for b in benign:
-        deviation = float(np.clip(rng.standard_normal(), -2.5, 2.5))
-        if is_wrong and rng.random() < WRONG_PARTS:
-            deviation = float(rng.choice([-1.0, 1.0]) * rng.uniform(*TWICE))
-        out[b.name] = b.sd * deviation
-    return out
-
-
 def _plan(arm: Arm, rate_hz: float, rng: np.random.Generator) -> ArmPlan:
     """Draw two or three fit recordings of different motions, and a held-out one."""
     count = int(rng.integers(2, 4))
@@ -215,8 +202,7 @@ def _noise(
     where = float(rng.random())
     white = low * (high / low) ** where
     bits = int(rng.choice(arm.encoder_bits)) if rng.random() < 0.7 else 0
-    coloured = float(rng.uniform(0.5, 1.5)) if rng.random() < COLOURED else 0.0
-    tau = float(np.exp(rng.uniform(np.log(0.005), np.log(0.05))))
+    coloured, tau = statement.coloured_part(rng, statement.COLOURED)
     quantum = np.zeros(quiet.shape[1])
     quantum[:n] = 2 * np.pi / 2**bits if bits else 0.0
     plain = np.full(quiet.shape[1], white)
@@ -225,10 +211,7 @@ def _noise(
         plain[part] = OTHER_NOISE[name] * np.sqrt(np.mean(quiet[:, part] ** 2, axis=(0, 2)))
     noise = rng.standard_normal(quiet.shape)
     if coloured:
-        pole = np.exp(-1.0 / (setup.rate_hz * tau))
-        red = rng.standard_normal(quiet.shape) * np.sqrt(1.0 - pole**2)
-        red[0] /= np.sqrt(1.0 - pole**2)
-        noise = noise + coloured * signal.lfilter([1.0], [1.0, -pole], red, axis=0)
+        noise = noise + coloured * red_noise(rng, quiet.shape, setup.rate_hz, tau)
     sigma = np.sqrt(plain**2 * (1.0 + coloured**2) + quantum**2 / 12.0)
     about = {
         "noise": ("low", "middle", "high")[min(int(3 * where), 2)],

@@ -286,6 +286,13 @@ class Blueprint(Nominal):
         Samples per period of the highest excited frequency in the calibration.
     refit_hz : float
         Highest mode in the calibration [Hz], for benches in their modes.
+    varied : callable or None
+        Draws the statement and the step of the nominal model of one case; by default all cases have those given here.
+    wrong, coloured, stray : float
+        Shares of the cases with parameters about twice as far off as stated, with coloured noise, and with forces that
+        are not recorded.
+    coarse_step : float
+        Step of a nominal model that is integrated semi-implicitly [s]; zero for an accurate one.
     """
 
     build: Callable[[Mapping[str, float], Mapping[str, float]], Bench]
@@ -301,3 +308,8 @@ class Blueprint(Nominal):
     command_step: float = 0.0
     per_period: int = 16
     refit_hz: float = float("inf")
+    varied: Callable[["Blueprint", np.random.Generator], "Blueprint"] | None = None
+    wrong: float = 0.0
+    coloured: float = 0.0
+    stray: float = 0.0
+    coarse_step: float = 0.0

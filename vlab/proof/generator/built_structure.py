@@ -14,6 +14,7 @@ from scipy.optimize import linear_sum_assignment
 
 from vlab.proof.generator.bench import Bench, Benign, Blueprint, Place, Sensor
 from vlab.proof.generator.places import beside, neighbours, span_name
+from vlab.proof.generator.statement import COLOURED, STRAY, WRONG
 from vlab.proof.generator.structure_fe import BuiltStructure, Variation, assemble
 from vlab.signals import Array
 from vlab.structure import load_structure
@@ -246,6 +247,9 @@ def _blueprint(name: str, title: str, *, seconds: float, band_hz: tuple[float, f
         refit_hz=REFIT * band_hz[1],
         command_step=COMMAND_STEP * 4 * LOUDEST * force,
         exciters=tuple(c.name for c in structure.coil),
+        wrong=WRONG,
+        coloured=COLOURED,
+        stray=STRAY,
     )
 
 

@@ -8,12 +8,13 @@ import numpy as np
 
 from vlab.errors import BadExperiment, Diverged
 from vlab.proof.generator.bench import Bench, Blueprint, Nominal
-from vlab.proof.generator.hardware import Converted, Output, Pickup
+from vlab.proof.generator.hardware import Converted, Output, Pickup, red_noise
 from vlab.proof.generator.hidden import Hidden, Kind, places_for
-from vlab.proof.generator.integration import Feedback
+from vlab.proof.generator.integration import Feedback, semi_implicit
 from vlab.proof.generator.plan import Plan, plan
 from vlab.proof.generator.simulate import Setup, scale_at
 from vlab.proof.generator.sizing import Refit, Size
+from vlab.proof.generator.statement import OF_COMMAND, TIME_CONSTANT, coloured_part, deviations
 from vlab.signals import Array
 
 NOISE = {"low": 0.002, "middle": 0.007, "high": 0.02}
@@ -95,6 +96,9 @@ class _Drawn:
 
     factors: dict[str, float]
     plan: Plan
+    commands: Array
+    """Commands as applied: those of the plan, and stray ones that are not recorded."""
+    variations: dict[str, Any]
     setup: Setup
     pickup: Pickup
     noise: Array
@@ -134,7 +138,10 @@ def conceal(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> C
     BadExperiment
         No effect of the wanted kinds and size was found.
     """
-    drawn = _draw(blueprint, wanted, rng)
+    chance = rng.spawn(1)[0]  # cases without variations keep their draws
+    if blueprint.varied is not None:
+        blueprint = blueprint.varied(blueprint, chance)
+    drawn = _draw(blueprint, wanted, rng, chance)
     wanted = replace(wanted, low=wanted.low * drawn.unit, high=wanted.high * drawn.unit)
     hidden, size, y = _hide(blueprint, wanted, drawn, rng)
     halved = _halved(drawn, hidden)
@@ -154,6 +161,7 @@ def conceal(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> C
         "quantisation_over_sigma": drawn.pickup.step,
         "benign": drawn.factors,
         "output": asdict(drawn.setup.output),
+        **(drawn.variations if blueprint.wrong else {}),  # sealed truths without variations keep their keys
         "in_loop": wanted.in_loop,
         "one_level": wanted.one_level,
         "recordings": [asdict(r) for r in drawn.plan.recordings],
@@ -165,8 +173,9 @@ def conceal(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> C
     return Concealed(blueprint=blueprint, plan=drawn.plan, sensors=sensors, outputs=outputs, law=drawn.law, truth=truth)
 
 
-def _draw(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> _Drawn:
-    factors = {b.name: float(b.sd * np.clip(rng.standard_normal(), -2.5, 2.5)) for b in blueprint.benign if b.sd}
+def _draw(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator, chance: np.random.Generator) -> _Drawn:
+    is_wrong = bool(chance.random() < blueprint.wrong)
+    factors = deviations(blueprint.benign, rng, is_wrong=is_wrong)
     recordings = plan(blueprint, rng, one_level=wanted.one_level)
     names = [b.name.partition(":")[2] for b in blueprint.benign if b.kind == "sensor"]
     shifts = {name: float(blueprint.place_sd * rng.standard_normal()) for name in names}
@@ -184,7 +193,8 @@ def _draw(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> _Dr
         substeps=blueprint.substeps,
         seed=int(rng.integers(2**31)),
     )
-    commands = recordings.commands
+    commands, stray = _applied(blueprint, recordings, chance)
+    coloured, time_constant = coloured_part(chance, blueprint.coloured)
     quiet = setup.run(commands, ())
     level, relative = _noise(blueprint, rng)
     sigma = relative * np.sqrt(np.mean(quiet[:, :, recordings.middle] ** 2, axis=0))
@@ -193,17 +203,27 @@ def _draw(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> _Dr
         hum=float(rng.uniform(0.0, 0.4)),
         hum_hz=50.0 + float(rng.uniform(-0.05, 0.05)),
         step=float(rng.uniform(0.2, 1.0)),
+        coloured=coloured,
+        time_constant=time_constant,
     )
     noise = pickup.noise(rng, len(commands), commands.shape[2], blueprint.rate_hz)
     law, opened, error = None, setup, None
-    if any(b.sd and not b.prior for b in blueprint.benign):
-        error = _model_error(blueprint, setup, recordings, quiet, sigma)
+    if stray or blueprint.coarse_step or any(b.sd and not b.prior for b in blueprint.benign):
+        error = _model_error(blueprint, factors, setup, recordings, quiet, sigma)
     if wanted.in_loop:
         setup, law = _closed(blueprint, setup, noise, rng)
         quiet = setup.run(commands, ())
     return _Drawn(
         factors=factors,
         plan=recordings,
+        commands=commands,
+        variations={
+            "stated": dict(blueprint.uncertain),
+            "twice_the_statement": is_wrong,
+            "coloured": {"over_white": coloured, "time_constant": time_constant},
+            "stray_force": stray,
+            "coarse_step": blueprint.coarse_step,
+        },
         setup=setup,
         pickup=pickup,
         noise=noise,
@@ -213,6 +233,17 @@ def _draw(blueprint: Blueprint, wanted: Wanted, rng: np.random.Generator) -> _Dr
         open=opened,
         error=error,
     )
+
+
+def _applied(blueprint: Blueprint, recordings: Plan, chance: np.random.Generator) -> tuple[Array, float]:
+    """Return the commands with stray ones, and the share of these."""
+    if not blueprint.stray or chance.random() >= blueprint.stray:
+        return recordings.commands, 0.0
+    share = float(chance.uniform(*OF_COMMAND))
+    red = red_noise(
+        chance, recordings.commands.shape, blueprint.rate_hz, float(np.exp(chance.uniform(*np.log(TIME_CONSTANT))))
+    )
+    return recordings.commands + share * np.sqrt(np.mean(recordings.commands**2, axis=0)) * red, share
 
 
 def _noise(blueprint: Blueprint, rng: np.random.Generator) -> tuple[str, float]:
@@ -225,14 +256,23 @@ def _noise(blueprint: Blueprint, rng: np.random.Generator) -> tuple[str, float]:
     return f"{low} to {low + 10} dB", 10.0 ** (-ratio / 20.0)
 
 
-def _model_error(blueprint: Blueprint, setup: Setup, recordings: Plan, quiet: Array, sigma: Array) -> dict[str, float]:
-    """Return what the calibrated nominal model leaves of the quiet fit recordings."""
+def _model_error(
+    blueprint: Blueprint, factors: dict[str, float], setup: Setup, recordings: Plan, quiet: Array, sigma: Array
+) -> dict[str, float]:
+    """Return what the calibrated nominal model leaves of the quiet fit recordings.
+
+    The calibration starts at the bench as built, if the nominal model has all of its parameters.
+    """
     fit = recordings.fit
-    nominal = blueprint.build({}, {})
+    start = {} if any(b.sd and not b.prior for b in blueprint.benign) else factors
+    nominal = blueprint.build(start, {})
     reduced = nominal.up_to(blueprint.refit_hz)
     commands = recordings.commands[:, :, fit]
-    refit = Refit(blueprint, {}, reduced, setup.output, commands, sigma, _every(blueprint))
-    size = refit.size(quiet[:, :, fit], replace(setup, bench=nominal).run(commands, ()))
+    refit = Refit(blueprint, start, reduced, setup.output, commands, sigma, _every(blueprint))
+    modelled = replace(setup, bench=nominal).run(commands, ())
+    if blueprint.coarse_step:
+        modelled = semi_implicit(nominal, commands, 1.0 / blueprint.rate_hz, blueprint.coarse_step)
+    size = refit.size(quiet[:, :, fit], modelled)
     signal = np.sqrt(np.mean((quiet[:, :, fit] / sigma[None, :, None]) ** 2))
     return {"over_noise": size.left, "over_signal": float(size.left / signal), "uncalibrated": size.change}
 
@@ -265,7 +305,7 @@ def _hide(
         return [], None, drawn.null
     fit = drawn.plan.fit
     setup = drawn.setup
-    commands = drawn.plan.commands
+    commands = drawn.commands
     bench, feedback = setup.bench, setup.feedback
     if feedback is not None:  # calibration treats the loop as a damper
         load, row = bench.loads[:, feedback.actuators[0]], list(bench.sensors.values())[feedback.sensors[0]].row
@@ -300,7 +340,7 @@ def _hide(
 def _is_veiled(drawn: _Drawn, hidden: list[Hidden], y: Array) -> bool:
     """Return whether the loop makes hidden effects less visible."""
     loud = [drawn.plan.loudest]
-    commands = drawn.plan.commands[:, :, loud]
+    commands = drawn.commands[:, :, loud]
     try:
         with np.errstate(all="ignore"):
             bare, bare_null = drawn.open.run(commands, hidden), drawn.open.run(commands, ())
@@ -332,7 +372,7 @@ def _sized(
         most = min(wanted.high, LARGEST / float(np.mean(relative)))
         target = float(np.exp(rng.uniform(np.log(wanted.low), np.log(max(most, wanted.low * 1.01)))))
         loud = drawn.plan.loudest
-        scale = scale_at(drawn.setup, drawn.plan.commands[:, :, loud], place, drawn.null[:, :, loud], blueprint.band_hz)
+        scale = scale_at(drawn.setup, drawn.commands[:, :, loud], place, drawn.null[:, :, loud], blueprint.band_hz)
         if kind.on == "element" and scale.own <= 0:
             return None
         one = Hidden(kind=kind, place=place, shapes=shapes, scale=scale, size=min(kind.start, kind.most))
@@ -349,7 +389,7 @@ def _to_size(one: Hidden, target: float, drawn: _Drawn, refit: Refit) -> Hidden 
     The search uses secants in the logarithm. The result is None for an unreachable target.
     """
     fit = drawn.plan.fit
-    commands = drawn.plan.commands[:, :, fit]
+    commands = drawn.commands[:, :, fit]
     substeps = max(1, round(SEARCH_HZ / drawn.setup.rate_hz))
     feedback = drawn.setup.feedback
     if feedback is not None:
@@ -396,7 +436,7 @@ def _halved(drawn: _Drawn, hidden: Sequence[Hidden]) -> dict[str, float]:
     """Integrate the start of the loudest recording with half the step."""
     setup, loud = drawn.setup, drawn.plan.loudest
     count = round(HALVED_S * setup.rate_hz)
-    commands = drawn.plan.commands[:count, :, [loud]]
+    commands = drawn.commands[:count, :, [loud]]
     feedback = setup.feedback
     if feedback is not None:
         feedback = replace(feedback, noise=feedback.noise[:count, :, [loud]])

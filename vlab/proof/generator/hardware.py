@@ -97,6 +97,31 @@ def moved(y: Array, seconds: float, step: float) -> Array:
     return np.asarray(interpolate.make_interp_spline(time, y, k=3)(np.maximum(time - seconds, 0.0)))
 
 
+def red_noise(rng: np.random.Generator, shape: tuple[int, ...], rate_hz: float, time_constant: float) -> Array:
+    """Return stationary noise of first order with unit variance.
+
+    Parameters
+    ----------
+    rng : Generator
+        Random numbers.
+    shape : tuple of int
+        Shape, samples first.
+    rate_hz : float
+        Sample rate [Hz].
+    time_constant : float
+        Time constant [s].
+
+    Returns
+    -------
+    array
+        Noise.
+    """
+    pole = np.exp(-1.0 / (rate_hz * time_constant))
+    red = rng.standard_normal(shape) * np.sqrt(1.0 - pole**2)
+    red[0] /= np.sqrt(1.0 - pole**2)
+    return np.asarray(signal.lfilter([1.0], [1.0, -pole], red, axis=0))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pickup:
     """Additions of the electronics to every channel.
@@ -109,12 +134,18 @@ class Pickup:
         Amplitude of mains interference in multiples of sigma, and its frequency [Hz].
     step : float
         Quantisation step in multiples of sigma.
+    coloured : float
+        Standard deviation of the coloured part of the noise over that of the white part.
+    time_constant : float
+        Time constant of the coloured part [s].
     """
 
     sigma: Array
     hum: float
     hum_hz: float
     step: float
+    coloured: float = 0.0
+    time_constant: float = 0.0
 
     def noise(self, rng: np.random.Generator, samples: int, runs: int, rate_hz: float) -> Array:
         """Return noise and mains interference.
@@ -138,6 +169,9 @@ class Pickup:
         time = np.arange(samples)[:, None, None] / rate_hz
         phase = rng.uniform(0, 2 * np.pi, (1, len(self.sigma), runs))
         white = rng.standard_normal((samples, len(self.sigma), runs))
+        if self.coloured:
+            red = red_noise(rng, white.shape, rate_hz, self.time_constant)
+            white = (white + self.coloured * red) / np.hypot(1.0, self.coloured)
         hum = self.hum * np.sin(2 * np.pi * self.hum_hz * time + phase)
         return np.asarray((white + hum) * self.sigma[None, :, None])
 

@@ -4,14 +4,27 @@ The equations of motion are masses on springs. The MJCF is text for the case and
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from vlab.proof.generator.bench import Bench, Benign, Blueprint, Place, Sensor
+from vlab.proof.generator.statement import COLOURED, STRAY, WRONG, stated
 from vlab.signals import Array
 
+STATED: dict[str, tuple[float, ...]] = {
+    "stiffness": (0.02, 0.03, 0.05),
+    "mass": (0.01, 0.02, 0.05),
+    "damping": (0.2, 0.3, 0.5),
+    "gain": (0.01, 0.02, 0.05),
+    "sensor": (0.005, 0.01),
+}
+"""STATED [-]: round standard deviations that a varied case states, by kind."""
+INTEGRATORS, TIMESTEPS = {"RK4": 0.6, "implicitfast": 0.4}, (0.001, 0.002)
+"""INTEGRATORS, TIMESTEPS [s]: integrators of the nominal model of a varied case with their frequencies, and steps."""
 SD = {"stiffness": 0.03, "mass": 0.02, "damping": 0.2, "gain": 0.02, "sensor": 0.005}
 """SD [-]: relative standard deviations of the built parameters, stated by the case."""
 
@@ -57,7 +70,7 @@ SHAFT = _Chain(
 """SHAFT [kg m^2, N m/rad, N m s/rad]: shaft with four discs and modes at 2.4, 12.0, 17.6 and 22.5 Hz."""
 
 
-def _xml(chain: _Chain) -> str:
+def _xml(chain: _Chain, timestep: float = 0.001, integrator: str = "RK4") -> str:
     """Return the MJCF of the nominal chain."""
     kind, unit = ("hinge", "0.05") if chain.angular else ("slide", "0.05")
     bodies, tendons = [], []
@@ -81,7 +94,8 @@ def _xml(chain: _Chain) -> str:
     return "\n".join(
         [
             "<mujoco>",
-            '  <option timestep="0.001" integrator="RK4" gravity="0 0 0"><flag contact="disable"/></option>',
+            f'  <option timestep="{timestep:g}" integrator="{integrator}" gravity="0 0 0">'
+            '<flag contact="disable"/></option>',
             "  <worldbody>",
             *bodies,
             "  </worldbody>",
@@ -100,14 +114,14 @@ def _xml(chain: _Chain) -> str:
     )
 
 
-def _benign(chain: _Chain) -> tuple[Benign, ...]:
-    out = [Benign(name=f"mass:{name}", kind="mass", sd=SD["mass"]) for name in chain.bodies]
+def _benign(chain: _Chain, sd: Mapping[str, float]) -> tuple[Benign, ...]:
+    out = [Benign(name=f"mass:{name}", kind="mass", sd=sd["mass"]) for name in chain.bodies]
     for names, springs in ((chain.bodies, chain.ground), (chain.couplings, chain.coupling)):
         for name, (k, c) in zip(names, springs, strict=True):
-            out += [Benign(name=f"stiffness:{name}", kind="stiffness", sd=SD["stiffness"])] if k else []
-            out += [Benign(name=f"damping:{name}", kind="damping", sd=SD["damping"])] if c else []
-    out += [Benign(name=f"gain:{name}", kind="gain", sd=SD["gain"]) for name in chain.motors]
-    out += [Benign(name=f"sensor:{name}", kind="sensor", sd=SD["sensor"]) for name in chain.seen]
+            out += [Benign(name=f"stiffness:{name}", kind="stiffness", sd=sd["stiffness"])] if k else []
+            out += [Benign(name=f"damping:{name}", kind="damping", sd=sd["damping"])] if c else []
+    out += [Benign(name=f"gain:{name}", kind="gain", sd=sd["gain"]) for name in chain.motors]
+    out += [Benign(name=f"sensor:{name}", kind="sensor", sd=sd["sensor"]) for name in chain.seen]
     return tuple(out)
 
 
@@ -160,7 +174,7 @@ def _blueprint(chain: _Chain, name: str, title: str, *, force: float, band_hz: t
         title=title,
         build=lambda factors, shifts: _built(chain, factors),
         matrices=lambda factors: _matrices(chain, factors),
-        benign=_benign(chain),
+        benign=_benign(chain, SD),
         model={"mjcf": "rig.xml"},
         files={"rig.xml": _xml(chain)},
         uncertain={**SD, "inertia": SD["mass"]},
@@ -175,11 +189,53 @@ def _blueprint(chain: _Chain, name: str, title: str, *, force: float, band_hz: t
     )
 
 
-def slider() -> Blueprint:
-    """Return the belt-driven slider with measured displacements."""
-    return _blueprint(SLIDER, "slider", "Belt-driven slider", force=6.0, band_hz=(0.8, 24.0))
+def _varied(chain: _Chain, blueprint: Blueprint, rng: np.random.Generator) -> Blueprint:
+    """Draw statement, step and integrator of the nominal model of one case."""
+    sd, timestep = stated(STATED, rng), float(rng.choice(TIMESTEPS))
+    integrator = str(rng.choice(list(INTEGRATORS), p=list(INTEGRATORS.values())))
+    return replace(
+        blueprint,
+        benign=_benign(chain, sd),
+        uncertain={**sd, "inertia": sd["mass"]},
+        files={"rig.xml": _xml(chain, timestep, integrator)},
+        coarse_step=0.0 if integrator == "RK4" else timestep,
+    )
 
 
-def shaft() -> Blueprint:
-    """Return the shaft with four discs and measured rates."""
-    return _blueprint(SHAFT, "shaft", "Shaft with four discs", force=0.4, band_hz=(0.8, 30.0))
+def _in_practice(chain: _Chain, blueprint: Blueprint) -> Blueprint:
+    """Return a kind of bench whose cases vary as those of laboratories do."""
+    return replace(blueprint, varied=partial(_varied, chain), wrong=WRONG, coloured=COLOURED, stray=STRAY)
+
+
+def slider(*, is_varied: bool = False) -> Blueprint:
+    """Return the belt-driven slider with measured displacements.
+
+    Parameters
+    ----------
+    is_varied : bool
+        Whether statement, noise and step of the nominal model vary from case to case.
+
+    Returns
+    -------
+    Blueprint
+        Kind of bench.
+    """
+    plain = _blueprint(SLIDER, "slider", "Belt-driven slider", force=6.0, band_hz=(0.8, 24.0))
+    return _in_practice(SLIDER, plain) if is_varied else plain
+
+
+def shaft(*, is_varied: bool = False) -> Blueprint:
+    """Return the shaft with four discs and measured rates.
+
+    Parameters
+    ----------
+    is_varied : bool
+        Whether statement, noise and step of the nominal model vary from case to case.
+
+    Returns
+    -------
+    Blueprint
+        Kind of bench.
+    """
+    plain = _blueprint(SHAFT, "shaft", "Shaft with four discs", force=0.4, band_hz=(0.8, 30.0))
+    return _in_practice(SHAFT, plain) if is_varied else plain
