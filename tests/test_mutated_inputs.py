@@ -33,8 +33,8 @@ from vlab.modal.modal_test import ModalTest, run_modal_test
 from vlab.plants import build_plant
 from vlab.proof.conceal import conceal_cases
 from vlab.proof.manifest import manifest
-from vlab.proof.prove import ANSWERS, MANIFEST, prove
-from vlab.proof.seal import COMMITMENTS, canonical, read_json, write_json
+from vlab.proof.prove import prove
+from vlab.proof.seal import ANSWERS, COMMITMENTS, MANIFEST, canonical, read_json, write_json
 from vlab.recordings import write_recording
 from vlab.signals import Channel, Recording
 from vlab.structure import load_structure

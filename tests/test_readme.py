@@ -76,8 +76,7 @@ def named(page: Page) -> str:
 def copy(tmp_path_factory) -> Path:
     """Return a folder with the assets that lines name, for what they write."""
     folder = tmp_path_factory.mktemp("readme")
-    aside = shutil.ignore_patterns("evidence", "figures")
-    shutil.copytree(ROOT / "assets", folder / "assets", ignore=aside)
+    shutil.copytree(ROOT / "assets", folder / "assets", ignore=shutil.ignore_patterns("figures"))
     return folder
 
 
@@ -110,10 +109,10 @@ def test_every_line_is_understood(monkeypatch, copy, page):
 def test_every_file_that_a_line_names_is_shipped_or_written_by_a_line_before(copy, page):
     written: list[str] = []
     for words in page.commands:
-        out = words[words.index("--out") + 1] if "--out" in words else None
+        out, pack = (words[words.index(option) + 1] if option in words else None for option in ("--out", "--pack"))
         for word in words:
             name = word.partition(":")[0]
-            if name.startswith("out/") and word != out and "--save" not in words[: words.index(word)]:
+            if name.startswith("out/") and word not in (out, pack) and "--save" not in words[: words.index(word)]:
                 assert any(Path(name).is_relative_to(folder) for folder in written), (word, words)
             if name.startswith("assets/"):
                 assert (copy / name).exists(), words
@@ -122,6 +121,8 @@ def test_every_file_that_a_line_names_is_shipped_or_written_by_a_line_before(cop
         if out is not None:
             assert out not in written, f"two lines write {out}"
             written.append(out)
+        if pack is not None:
+            written.append(pack)
 
 
 @pytest.mark.parametrize("link", re.findall(r"\]\((?!https?:)([^)#]+)", README.path.read_text(encoding="utf-8")))

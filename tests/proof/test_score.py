@@ -7,10 +7,14 @@ import pytest
 
 from vlab.proof.equivalence import TABLE, right_class
 from vlab.proof.judge import judge, same_place
+from vlab.proof.levels import depth, level_rows, level_table
+from vlab.proof.manifest import is_set_down, manifest, scoring_digest
 from vlab.proof.score import baseline_rows, confusion, measures, score
-from vlab.proof.servo_scoring import is_part_right, partial_rows
+from vlab.proof.servo_scoring import ON_ARMS, arm_rows, is_part_right, partial_rows
 from vlab.proof.sparse_regression import sparse_terms
+from vlab.proof.stated import EDGE, THRESHOLDS, decision_rows, decision_table, log_score, stated_rows
 from vlab.proof.statistics import Rate, brier, calibration, clustered_interval, detection_limit
+from vlab.proof.targets import TARGETS, Target, targets_to_json, with_targets
 
 
 def hidden(effect="coulomb-friction", place="joint:carriage", **more):
@@ -270,6 +274,11 @@ def campaign():
     return rows
 
 
+def by_case(rows):
+    """Judged cases, truths and answers by name."""
+    return [judge(t, a) for t, a in rows], {t["case"]: t for t, _ in rows}, {t["case"]: a for t, a in rows}
+
+
 def test_the_table_counts_what_a_hand_counts():
     judged = [judge(t, a) for t, a in campaign()]
     right = measure(judged, "right effect")
@@ -358,6 +367,155 @@ def test_sparse_regression_is_counted_apart_where_it_has_the_law():
         ("sparse regression", 2, 0.5),
         ("sparse regression, where it has the law", 1, 1.0),
     ]
+
+
+# ---- levels, decisions, log score, targets --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("things", "said", "levels"),
+    [
+        ([hidden()], [finding()], 4),
+        ([hidden()], [{**finding(), "form": "smooth-friction"}], 3),
+        ([hidden(form="tanh", same_parameters=False)], [finding()], 3),
+        ([hidden(family="friction")], [{**finding("lugre-friction"), "family": "friction"}], 2),
+        ([hidden(family="friction")], [{**finding("stop"), "family": "contact"}], 1),
+        ([hidden()], [finding(place="joint:drive")], 0),  # the effect is right, and stands elsewhere
+        ([hidden()], [], 0),
+        ([], [finding()], 0),
+        ([hidden("stop", "joint:drive"), hidden()], [finding()], 4),
+        ([hidden("flow-damping", accepted=[], family="friction")], [{**finding(), "family": "friction"}], 2),
+    ],
+)
+def test_a_level_counts_with_all_levels_before_it(things, said, levels):
+    assert depth(truth(things=things), answer(*said)) == levels
+
+
+def test_levels_are_counted_by_bench_and_verdict():
+    rows = campaign()
+    rows.append((truth("b1", bench="beam"), answer(finding(place="joint:drive"), verdict="partly-explained")))
+    rows.append((truth("b2", bench="beam"), answer(finding(), verdict="partly-explained")))
+    rows.append(
+        (truth("b3", bench="beam"), answer({**finding("unknown-law"), "family": "unknown-law"}, verdict="unknown-law"))
+    )
+    found = {(r["bench"], r["verdict"]): r for r in level_rows(*by_case(rows))}
+    assert list(found) == [
+        *(("all", verdict) for verdict in ("missing-physics", "partly-explained", "unknown-law")),
+        *(("beam", verdict) for verdict in ("missing-physics", "partly-explained", "unknown-law")),
+        ("slider", "missing-physics"),
+    ]
+    counts = {
+        key: [row[level]["count"] for level in ("place", "family", "effect", "form")] for key, row in found.items()
+    }
+    # of nine with an effect of the library, four of the slider are right in everything
+    assert found["all", "missing-physics"]["cases"] == found["all", "missing-physics"]["place"]["of"] == 9
+    assert counts["all", "missing-physics"] == counts["slider", "missing-physics"] == [4, 4, 4, 4]
+    assert counts["beam", "missing-physics"] == [0, 0, 0, 0]
+    assert counts["beam", "partly-explained"] == [1, 1, 1, 1]
+    assert counts["beam", "unknown-law"] == [1, 0, 0, 0]
+    assert found["all", "missing-physics"]["place"]["ci95"] == list(Rate(4, 9).interval)
+    heads, shown = level_table(list(found.values()))
+    assert {len(row) for row in shown} == {len(heads)}
+    other = truth("f1", "other-form", [hidden(form="tanh", same_parameters=False)])
+    only = level_rows(*by_case([(other, answer(finding()))]))[0]
+    assert (only["effect"]["count"], only["form"]["of"]) == (1, 0)  # no law of the catalogue is the hidden one
+
+
+def test_decisions_are_counted_from_a_stated_probability_on():
+    judged, _, _ = by_case(campaign())  # right names at 1; wrong ones at .6, and at .5 with nothing hidden
+    found = {row["threshold"]: row for row in decision_rows(judged)}
+    assert list(found) == list(THRESHOLDS)
+    keys = ("named", "right", "wrong", "wrong_null", "wrong_outside", "abstained")
+    assert [found[0.0][key] for key in keys] == [6, 4, 2, 1, 0, 4]
+    assert [found[0.5][key] for key in keys] == [6, 4, 2, 1, 0, 4]
+    assert [found[0.7][key] for key in keys] == [4, 4, 0, 0, 0, 6]
+    assert found[0.5]["wrong_share"]["ci95"] == list(Rate(2, 6).interval)
+    strange = truth("s", "out-of-library", [hidden("flow-damping", accepted=[])])
+    assert decision_rows([judge(strange, answer(finding()))])[0]["wrong_outside"] == 1
+    part = [judge(truth(), answer(finding(), verdict="partly-explained"))]
+    assert [decision_rows(part)[0][key] for key in ("named", "abstained")] == [0, 1]
+    heads, shown = decision_table(decision_rows([]))
+    assert shown[0][0] == "any"
+    assert {len(row) for row in shown} == {len(heads)}
+
+
+def test_the_log_score_is_the_mean_negative_log_likelihood():
+    # ln .9 = -.105361, ln .2 = -1.609438
+    assert log_score([0.9, 0.8], [True, False]) == pytest.approx((0.105361 + 1.609438) / 2, abs=1e-6)
+    assert log_score([0.5] * 7, [True] * 3 + [False] * 4) == pytest.approx(np.log(2))
+    assert log_score([1.0], [False]) == pytest.approx(np.log(1000.0))  # a certainty ends at EDGE
+    assert log_score([0.0], [False]) == pytest.approx(-np.log(1 - EDGE))
+    assert log_score([], []) is None
+    # proper: of seven in ten nothing scores better than .7
+    outcome = [True] * 7 + [False] * 3
+    scores = [log_score([p] * 10, outcome) for p in np.arange(0.05, 1.0, 0.05)]
+    assert np.argmin(scores) == 13
+
+
+def test_stated_probabilities_count_for_the_event_of_which_they_speak():
+    rows = [
+        (truth("a"), answer(finding(probability=0.9))),
+        (truth("b"), answer(finding("stop", probability=0.8))),
+        (truth("c"), answer(finding(probability=0.4), verdict="partly-explained")),
+        (truth("d"), answer(finding("unknown-law", probability=0.7), verdict="unknown-law")),
+        (truth("e"), answer(verdict="none-of-these")),
+        (truth("f", "null", []), answer()),
+    ]
+    found = {row["verdict"]: row for row in stated_rows(*by_case(rows))}
+    assert {verdict: (row["of"], row["holds"]) for verdict, row in found.items()} == {
+        "all": (4, 0.75),
+        "missing-physics": (2, 0.5),
+        "partly-explained": (1, 1.0),
+        "unknown-law": (1, 1.0),
+    }
+    assert found["all"]["log_score"] == pytest.approx(-np.log([0.9, 0.2, 0.4, 0.7]).mean())
+    assert found["all"]["brier"] == pytest.approx((0.01 + 0.64 + 0.36 + 0.09) / 4)
+    assert found["all"]["constant"] == pytest.approx(-(0.75 * np.log(0.75) + 0.25 * np.log(0.25)))
+    assert (found["missing-physics"]["low"], found["missing-physics"]["high"]) == pytest.approx((0.81, 0.89))
+    (none,) = stated_rows([], {}, {})
+    assert (none["of"], none["log_score"], none["constant"]) == (0, None, None)
+
+
+def test_targets_stand_beside_the_measures_where_a_manifest_sets_them_down():
+    judged, _, _ = by_case(campaign())
+    before = measures(judged)
+    assert with_targets(before, {}) == before
+    after = {row["measure"]: row for row in with_targets(before, targets_to_json())}
+    assert {m for m in TARGETS if m not in after} == {ON_ARMS}
+    for row in before:
+        kept = {key: value for key, value in row.items() if key not in ("target", "met", "shown")}
+        assert {key: after[row["measure"]][key] for key in kept} == kept
+        assert row["measure"] in TARGETS or after[row["measure"]] == row
+    assert after["right equivalence class, first answer"]["target"] == ">= 0.95, lower end >= 0.9"
+    assert after["null: anything but nothing-missing (false alarms)"]["target"] == "<= 0.03"
+    assert after["Brier score"]["met"] is False  # .10 of six
+
+
+def test_a_lower_end_belongs_to_the_target():
+    name = "right equivalence class, first answer"
+    for of, met in ((20, False), (200, True)):  # the lower end is .83 and .98
+        rows = [(truth(f"c{i}"), answer(finding())) for i in range(of)]
+        (row,) = with_targets([measure(by_case(rows)[0], name)], targets_to_json())
+        assert (row["value"], row["met"], row["shown"]) == (1.0, met, met)
+    assert (Target().words, Target(lower_end=0.9).words) == ("", "lower end >= 0.9")
+    assert Target(at_least=0.85, at_most=0.95).words == "0.85 to 0.95"
+    assert not Target(at_least=0.85, at_most=0.95).holds(0.96)
+
+
+def test_arms_have_a_row_of_their_own():
+    arm = truth("a", bench="arm")
+    assert arm_rows([judge(truth(), answer(finding()))]) == []
+    (row,) = with_targets(arm_rows([judge(arm, answer(finding())), judge(truth(), answer())]), targets_to_json())
+    assert (row["measure"], row["count"], row["of"], row["target"], row["met"]) == (ON_ARMS, 1, 1, ">= 0.85", True)
+
+
+def test_the_rules_that_a_manifest_binds_are_those_of_the_count():
+    now = manifest({})
+    assert now["targets"] == targets_to_json()
+    assert is_set_down(now)
+    assert is_set_down({"scoring": scoring_digest()})  # a stored campaign is older than the other rules
+    assert not is_set_down({**now, "scoring": "0"})
+    assert not is_set_down({**now, "more_scoring": "0"})
 
 
 # ---- sparse regression ----------------------------------------------------------------------------------------------

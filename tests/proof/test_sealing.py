@@ -2,13 +2,13 @@
 
 import json
 import shutil
-from pathlib import Path
 from typing import get_args
 
 import numpy as np
 import pytest
 from command import run
 from scipy import linalg
+from sealed_cases import ANSWER, edit
 
 import vlab.proof.prove as proving
 from vlab.diagnose.diagnosis import Verdict
@@ -17,57 +17,11 @@ from vlab.errors import BadExperiment, BadProof, OutputRefused
 from vlab.files.locks import LOCK, sole_use
 from vlab.proof import conceal as concealing
 from vlab.proof.campaign import common_instructions, run_all
-from vlab.proof.conceal import conceal_cases, regenerate_cases, truth_folder, unfinished_folder
-from vlab.proof.prove import (
-    ANSWERS,
-    FROZEN,
-    answers_folder,
-    freeze,
-    frozen_answers,
-    open_truth,
-    prove,
-    read_commitments,
-)
-from vlab.proof.seal import canonical, opened, sealed
-from vlab.proof.truth import REMADE
+from vlab.proof.conceal import conceal_cases, regenerate_cases, unfinished_folder
+from vlab.proof.prove import freeze, frozen_answers, prove, read_commitments
+from vlab.proof.seal import ANSWERS, FROZEN, answers_folder, canonical, digest, opened, sealed, truth_folder
+from vlab.proof.truth import REMADE, open_truth
 from vlab.views.reports.proof import write_proof
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Path:
-    """Two null cases on the slider: quick to make."""
-    cases = tmp_path_factory.mktemp("sealed") / "cases"
-    conceal_cases(cases, suites=["null"], count=2, seed=3, benches=["slider"], jobs=1)
-    return cases
-
-
-@pytest.fixture
-def cases(made, tmp_path) -> Path:
-    shutil.copytree(made, tmp_path / "cases")
-    shutil.copytree(truth_folder(made), tmp_path / "cases-truth")
-    return tmp_path / "cases"
-
-
-ANSWER = {"verdict": "nothing-missing", "findings": [], "heldout": {"gap_closed": None}, "seconds": 1.0}
-
-
-@pytest.fixture
-def answered(monkeypatch):
-    """Replace the diagnosis by a constant answer; count the calls."""
-    calls = []
-
-    def answer(item, *, baselines=False, frees_all=()):
-        calls.append(item[0])
-        return item[0], {"case": item[0], **ANSWER}
-
-    monkeypatch.setattr(proving, "answer_case", answer)
-    return calls
-
-
-def edit(path: Path, change) -> None:
-    document = json.loads(path.read_text())
-    change(document)
-    path.write_text(json.dumps(document))
 
 
 def test_a_seal_opens_for_its_truth_only():
@@ -334,7 +288,7 @@ def test_answers_that_come_after_the_opening_are_told_from_the_first(cases, answ
 
 def test_the_page_says_that_the_rules_were_changed(cases, answered, monkeypatch):
     assert prove(cases, answers_folder(cases), jobs=1)["is_counted_as_set_down"]
-    monkeypatch.setattr(proving, "scoring_digest", lambda: "another")
+    monkeypatch.setattr("vlab.proof.manifest.scoring_digest", lambda *sources: "another")
     found = prove(cases, answers_folder(cases), jobs=1)
     assert not found["is_counted_as_set_down"]
     write_proof(found, cases.with_name("report.html"))
@@ -384,6 +338,18 @@ def test_a_changed_manifest_is_refused(cases, answered):
     edit(out / "manifest.json", lambda d: d.update(code="0"))
     with pytest.raises(BadProof, match="manifest was changed"):
         frozen_answers(out, read_commitments(cases))
+
+
+@pytest.mark.parametrize("targets", ["none", {"Brier score": 0.05}, {"Brier score": {"at_most": "low"}}])
+def test_targets_that_are_none_are_refused_in_one_line(cases, answered, capsys, targets):
+    out = answers_folder(cases)
+    prove(cases, out, jobs=1)
+    edit(out / "manifest.json", lambda d: d.update(targets=targets))
+    changed = digest(json.loads((out / "manifest.json").read_text()))
+    edit(out / FROZEN, lambda d: d.update(manifest=changed))
+    status, _, err = run(capsys, "prove", str(cases), "--jobs", "1")
+    assert (status, err.count("\n")) == (2, 1)
+    assert f"{out / 'manifest.json'}: not a manifest as vlab writes it" in err
 
 
 def test_the_first_cases_can_be_answered_alone_and_no_others_left_out(cases, answered):

@@ -6,7 +6,8 @@ from pathlib import Path
 from vlab.cli.common import Outcome, add_seed, count_bar, text_table
 from vlab.errors import BadExperiment
 from vlab.proof.campaign import ENGINES
-from vlab.proof.conceal import conceal_cases, regenerate_cases, truth_folder
+from vlab.proof.conceal import conceal_cases, regenerate_cases
+from vlab.proof.seal import truth_folder
 from vlab.proof.suites import BENCHES, MIXTURES, OWN_FE, SHARED_FE, SOURCES, SUITES
 
 
@@ -31,7 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"(default {OWN_FE}); accepted: {', '.join(SOURCES)}",
     )
     parser.add_argument(
-        "--again", help="regenerate the recordings of this sealed folder bit for bit into OUT (default: new cases)"
+        "--again",
+        help="regenerate the recordings of this sealed folder, or of this file of vlab prove --pack, bit for bit into OUT "
+        "(default: new cases)",
     )
     parser.add_argument(
         "--only", default="", help="with --again: regenerate these cases, separated by commas (default all)"

@@ -1,15 +1,22 @@
 """``vlab prove``."""
 
 import argparse
+import contextlib
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from vlab.cli.common import Outcome, add_seed, count_bar, text_table
 from vlab.cli.conceal import add_engine
-from vlab.errors import BadExperiment
+from vlab.errors import BadExperiment, OutputRefused
+from vlab.files.output_folder import numbered_folder
 from vlab.proof.conceal import conceal_cases
-from vlab.proof.prove import answers_folder, baseline_table, prove, table_rows
+from vlab.proof.levels import level_table
+from vlab.proof.pack import CASES, gather, is_pack, write_pack
+from vlab.proof.prove import baseline_table, prove, prove_packed, table_rows
+from vlab.proof.seal import answers_folder, truth_folder
+from vlab.proof.stated import decision_table, stated_table
 
 QUICK_CASES = 12
 QUICK_BENCHES = ("slider", "shaft")
@@ -21,7 +28,12 @@ MOST_SHOWN = 60
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    parser.add_argument("cases", nargs="?", help="diagnose the cases in this folder of vlab conceal; not with --quick")
+    parser.add_argument(
+        "cases",
+        nargs="?",
+        help="diagnose the cases in this folder of vlab conceal, or count the campaign in this file of --pack again; "
+        "not with --quick",
+    )
     parser.add_argument(
         "--quick",
         action="store_true",
@@ -32,7 +44,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--n", type=int, default=QUICK_CASES, help="with --quick: conceal this number of cases (default 12)"
     )
     parser.add_argument("--truth", help="read the truth from this folder (default CASES-truth)")
-    parser.add_argument("--out", help="write answers and score to this folder (default CASES-answers)")
+    parser.add_argument(
+        "--out",
+        help="write answers and score to this folder (default CASES-answers), or unpack a file into this folder "
+        "(default out/NAME-001, or the next number)",
+    )
+    parser.add_argument("--pack", metavar="FILE", help="write the finished campaign to this new file (default: none)")
     parser.add_argument(
         "--first",
         type=int,
@@ -73,6 +90,10 @@ def run(arguments: argparse.Namespace) -> Outcome:
         raise BadExperiment(f"first is {arguments.first}; accepted: 1 or more cases, 0 for all")
     if not arguments.quick and arguments.seed is not None:
         raise BadExperiment("--seed belongs to --quick; the cases of a folder have theirs already")
+    if arguments.pack and Path(arguments.pack).exists():
+        raise OutputRefused(f"{arguments.pack}: is there already and is never written over; name another file")
+    if not arguments.quick and is_pack(Path(arguments.cases)):
+        return _counted_again(Path(arguments.cases), arguments)
     if not arguments.quick:
         return _outcome(_proved(Path(arguments.cases), arguments), None)
     with tempfile.TemporaryDirectory(prefix="vlab-prove-") as scratch:
@@ -93,13 +114,37 @@ def run(arguments: argparse.Namespace) -> Outcome:
         return _outcome({**found, "out": found["out"] if arguments.out else None}, seed)
 
 
+def _counted_again(file: Path, arguments: argparse.Namespace) -> Outcome:
+    """Count a packed campaign; its recordings are not packed, and its truth is."""
+    for option in ("truth", "first", "baselines", "reports", "pack"):
+        if getattr(arguments, option) not in (None, "", 0) or (option == "baselines" and arguments.baselines == 0):
+            raise BadExperiment(f"--{option} belongs to a folder of cases; {file} holds a finished campaign")
+    named = contextlib.nullcontext(Path(arguments.out)) if arguments.out else numbered_folder(_default_out(file))
+    with named as out, count_bar("prove", 1) as report:
+        found, changed = prove_packed(
+            file, out, engine=arguments.engine, jobs=arguments.jobs, scheduler=arguments.scheduler, progress=report
+        )
+    answers = answers_folder(out / CASES)
+    _write_page(found, answers / "report.html")
+    counted = _outcome({**found, "out": str(answers)}, None)
+    same = "every measure is that of the packed score"
+    differ = f"{len(changed)} measures differ from the packed score: {'; '.join(changed)}"
+    return replace(counted, text=f"{counted.text}\n{differ if changed else same}", holds=not changed)
+
+
+def _default_out(file: Path) -> Path:
+    """Return the name that is numbered, without the suffixes."""
+    return Path("out") / file.name.removesuffix(".xz").removesuffix(".jsonl")
+
+
 def _proved(cases: Path, arguments: argparse.Namespace, quick: bool = False) -> dict[str, Any]:
     out = answers_folder(cases) if quick or not arguments.out else Path(arguments.out)
+    truth = Path(arguments.truth) if arguments.truth else None
     with count_bar("prove", 1) as report:
         found = prove(
             cases,
             out,
-            truth=Path(arguments.truth) if arguments.truth else None,
+            truth=truth,
             first=arguments.first,
             baselines=arguments.baselines,
             reports=arguments.reports,
@@ -109,10 +154,17 @@ def _proved(cases: Path, arguments: argparse.Namespace, quick: bool = False) -> 
             scheduler=arguments.scheduler,
             progress=report,
         )
-    from vlab.views.reports.proof import write_proof
-
-    write_proof(found, out / "report.html")
+    _write_page(found, out / "report.html")
+    if arguments.pack:
+        write_pack(gather(cases, out, truth or truth_folder(cases)), Path(arguments.pack))
     return {**found, "out": str(out)}
+
+
+def _write_page(found: dict[str, Any], path: Path) -> None:
+    """Write the score as one page."""
+    from vlab.views.reports import proof  # imports matplotlib
+
+    proof.write_proof(found, path)
 
 
 def _write_report(done: Any, folder: Path) -> None:
@@ -126,6 +178,8 @@ def _outcome(found: dict[str, Any], seed: int | None) -> Outcome:
         text_table(*table_rows(found)),
         text_table(["suite", "cases", "right", "95 % interval", "verdicts"], _suites(found)),
     ]
+    parts += [text_table(*level_table(found["levels"])), text_table(*decision_table(found["decisions"]))]
+    parts.append(text_table(*stated_table(found["stated"])))
     if len(found["judged"]) <= MOST_SHOWN:
         heads = ["case", "suite", "bench", "hidden", "at", "answered", "at", "right"]
         parts.append(text_table(heads, [_case(j) for j in found["judged"]]))

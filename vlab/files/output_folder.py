@@ -13,7 +13,7 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -314,7 +314,12 @@ def write_manifest(folder: Path, **facts: Any) -> None:
         "files": sorted(p.name for p in folder.iterdir()),
         **facts,
     }
-    (folder / MANIFEST).write_text(json.dumps(content, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+    (folder / MANIFEST).write_text(manifest_text(content), encoding="utf-8")
+
+
+def manifest_text(content: Mapping[str, Any]) -> str:
+    """Return the text of a folder's manifest."""
+    return json.dumps(content, indent=2, sort_keys=True) + "\n"
 
 
 def finite(value: Any) -> Any:

@@ -15,15 +15,18 @@ from vlab.files.output_folder import folder_beside, output_folder, write_manifes
 from vlab.proof.campaign import common_instructions, run_all
 from vlab.proof.case_folder import write_case
 from vlab.proof.manifest import generator_digest
+from vlab.proof.pack import is_pack, read_pack
 from vlab.proof.seal import (
     COMMITMENTS,
     FORMAT,
+    PLAN,
     committed,
     folder_digest,
     made_again,
     opened,
     read_json,
     sealed,
+    truth_folder,
     write_json,
 )
 from vlab.proof.suites import BENCHES, OWN_FE, SHARED_FE, check_benches, check_source, drawn_suites, make_case
@@ -32,11 +35,6 @@ MOST_CASES = 100_000
 SEED_BITS = 128
 """SEED_BITS [bits]: length of a drawn seed. Commands follow from the seed without noise, so a search could find a short
 one."""
-
-
-def truth_folder(folder: Path) -> Path:
-    """Return the folder of the truth, beside the cases."""
-    return folder_beside(folder, "{}-truth")
 
 
 def conceal_cases(
@@ -137,7 +135,7 @@ def _conceal(
         document = {
             "format": FORMAT,
             "cases": {n: {"truth": c, "recordings": folder_digest(cases / n)} for n, c in commitments.items()},
-            "plan": _seal(truths / "plan.json", known),
+            "plan": _seal(truths / PLAN, known),
         }
         write_json(cases / COMMITMENTS, document)
         write_manifest(cases, verb="conceal")
@@ -230,13 +228,13 @@ def regenerate_cases(
     Parameters
     ----------
     sealed_cases : Path
-        Folder with commitments; its recordings may be missing.
+        Folder with commitments, whose recordings may be missing; or a file of `vlab.proof.pack`.
     out : Path
         Folder of the new recordings.
     only : sequence of str
         Names of the cases; all by default.
     truth : Path, optional
-        Folder of the truth, which holds the seed.
+        Folder of the truth, which holds the seed; of a packed campaign, the file itself.
     with_truth : bool
         Whether to write the truth to the `truth_folder` of `out`, after its salts were lost.
     engine : str
@@ -260,10 +258,9 @@ def regenerate_cases(
     BadExperiment
         There is no such case.
     """
-    document = committed(sealed_cases)
+    document, kept, where = _sealed_plan(sealed_cases, truth)
     _keep_sealed(out)
-    path = (truth or truth_folder(sealed_cases)) / "plan.json"
-    plan = opened(read_json(path), document["plan"], where=str(path))
+    plan = opened(kept, document["plan"], where=where)
     unknown = sorted(set(only) - set(document["cases"]))
     if unknown:
         names = sorted(document["cases"])
@@ -278,11 +275,21 @@ def regenerate_cases(
                 write_json(truths / f"{name}.json", made_again(found, document["cases"][name]["recordings"]))
             progress(done + 1, len(names))
         if truths is not None:
-            shutil.copyfile(path, truths / "plan.json")
+            write_json(truths / PLAN, kept)
         document = {**document, "cases": {name: document["cases"][name] for name in names}}
         write_json(cases / COMMITMENTS, document)
         write_manifest(cases, verb="conceal")
     return {name: kept["truth"] for name, kept in document["cases"].items()}
+
+
+def _sealed_plan(sealed_cases: Path, truth: Path | None) -> tuple[dict[str, Any], Any, str]:
+    """Return commitments, sealed plan, and the place of the plan."""
+    if is_pack(sealed_cases):
+        campaign = read_pack(sealed_cases)
+        return campaign.commitments, campaign.plan, f"{sealed_cases}: plan"
+    document = committed(sealed_cases)
+    path = (truth or truth_folder(sealed_cases)) / PLAN
+    return document, read_json(path), str(path)
 
 
 def make_again(

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
@@ -12,11 +13,14 @@ from vlab import controllers
 from vlab.diagnose.settings import SETTINGS
 from vlab.files.assets import asset
 from vlab.proof.seal import canonical, digest, files_digest
+from vlab.proof.targets import targets_to_json
 
 VERSIONS = ("mujoco", "numpy", "scipy", "pyarrow")
 SCORING = ("proof/equivalence.py", "proof/judge.py", "proof/score.py", "proof/statistics.py")
 """SCORING: sources of the rules of scoring."""
-NOT_ANSWERING = ("views/", "cli/", "reproduce/", "demo", "bench", "proof/servo_scoring.py", *SCORING)
+MORE_SCORING = ("proof/levels.py", "proof/servo_scoring.py", "proof/stated.py", "proof/targets.py")
+"""MORE_SCORING: sources of the rules that came after the stored answers were frozen."""
+NOT_ANSWERING = ("views/", "cli/", "reproduce/", "demo", "bench", *SCORING, *MORE_SCORING)
 """NOT_ANSWERING: sources without influence on answers."""
 ASSETS = ("beam.toml", "grid.toml", "laboratory.toml")
 
@@ -48,6 +52,8 @@ def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
         "catalogue": _sources(root / "physics", "**/*.py"),
         "structures": _structures(),
         "scoring": scoring_digest(),
+        "more_scoring": scoring_digest(MORE_SCORING),
+        "targets": targets_to_json(),
         "thresholds": thresholds,
         "thresholds_sha256": digest(thresholds),
         "commitments": digest(commitments),
@@ -56,10 +62,38 @@ def manifest(commitments: Any, **settings: Any) -> dict[str, Any]:
     return dict(json.loads(canonical(bound)))  # in the form of a later reading
 
 
-def scoring_digest() -> str:
-    """Return the SHA-256 of `SCORING`."""
+def scoring_digest(sources: Sequence[str] = SCORING) -> str:
+    """Return the SHA-256 of sources of the rules of scoring.
+
+    Parameters
+    ----------
+    sources : sequence of str
+        `SCORING` or `MORE_SCORING`.
+
+    Returns
+    -------
+    str
+        Hexadecimal digest.
+    """
     root = Path(vlab.__file__).parent
-    return files_digest((Path(name).name, root / name) for name in SCORING)
+    return files_digest((Path(name).name, root / name) for name in sources)
+
+
+def is_set_down(answered_with: Mapping[str, Any]) -> bool:
+    """Return whether the rules of scoring are those of a manifest.
+
+    Parameters
+    ----------
+    answered_with : mapping
+        Manifest; the stored ones are older than `MORE_SCORING`.
+
+    Returns
+    -------
+    bool
+        Whether all rules that the manifest binds are the present ones.
+    """
+    more = scoring_digest(MORE_SCORING)
+    return answered_with.get("scoring") == scoring_digest() and answered_with.get("more_scoring", more) == more
 
 
 def generator_digest() -> str:

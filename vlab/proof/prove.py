@@ -7,20 +7,35 @@ from typing import Any
 
 from vlab.errors import BadProof
 from vlab.files.locks import sole_use
-from vlab.files.output_folder import folder_beside
+from vlab.files.output_folder import output_folder, write_manifest
 from vlab.physics.catalogue import EFFECTS
 from vlab.proof import document_schema as shapes
 from vlab.proof.answer import Report, answer_case, write_worst
 from vlab.proof.campaign import run_all
-from vlab.proof.conceal import truth_folder
 from vlab.proof.judge import Judged, judge
-from vlab.proof.manifest import manifest, scoring_digest
+from vlab.proof.levels import level_rows
+from vlab.proof.manifest import is_set_down, manifest, scoring_digest
+from vlab.proof.pack import changed_measures, read_pack, unpack
 from vlab.proof.score import baseline_rows, score
-from vlab.proof.seal import committed, digest, folder_digest, read_json, read_shaped, write_json
-from vlab.proof.servo_scoring import partial_rows
+from vlab.proof.seal import (
+    ANSWERS,
+    FROZEN,
+    MANIFEST,
+    SCORE,
+    answers_folder,
+    committed,
+    digest,
+    folder_digest,
+    read_json,
+    read_shaped,
+    truth_folder,
+    write_json,
+)
+from vlab.proof.servo_scoring import arm_rows, partial_rows
+from vlab.proof.stated import decision_rows, stated_rows
+from vlab.proof.targets import SHAPE, with_targets
 from vlab.proof.truth import check_remade, note_opening, open_truth
 
-MANIFEST, ANSWERS, FROZEN, SCORE = "manifest.json", "answers", "frozen.json", "score.json"
 SHOWN = (
     "case",
     "suite",
@@ -49,12 +64,9 @@ SHOWN = (
     "error",
 )
 """SHOWN: parts of every case in the score."""
+MANIFEST_SHAPE = {"targets?": SHAPE}
+"""MANIFEST_SHAPE: counted parts of a manifest; see `vlab.proof.document_schema.has_shape`."""
 Progress = Callable[[int, int], None]
-
-
-def answers_folder(cases: Path) -> Path:
-    """Return the folder of the answers, beside the cases."""
-    return folder_beside(cases, "{}-answers")
 
 
 def prove(
@@ -123,6 +135,58 @@ def prove(
     return found
 
 
+def prove_packed(
+    file: Path,
+    out: Path,
+    *,
+    engine: str = "joblib",
+    jobs: int = 0,
+    scheduler: str = "",
+    progress: Progress = lambda done, total: None,
+) -> tuple[dict[str, Any], list[str]]:
+    """Unpack a campaign, check its hashes, and count again.
+
+    Parameters
+    ----------
+    file : Path
+        File of `vlab.proof.pack`.
+    out : Path
+        New folder of cases, answers and truth.
+    engine : str
+        Engine of `vlab.proof.campaign.run_all`, which remakes the recordings of truths without salts.
+    jobs : int
+        Number of processes; 0 for all cores.
+    scheduler : str
+        Address of a dask scheduler.
+    progress : Progress
+        Receives the numbers of completed and of all cases.
+
+    Returns
+    -------
+    (dict, list of str)
+        Score as plain values, and measures that differ from those of the packed score.
+
+    Raises
+    ------
+    BadProof
+        The file is damaged, or its content differs from the hashes; nothing is written then.
+    OutputRefused
+        The folder exists, or cannot be written.
+    """
+    campaign = read_pack(file)
+    with output_folder(out) as fresh:
+        cases = unpack(campaign, fresh)
+        try:
+            answers = frozen_answers(answers_folder(cases), campaign.commitments)
+            open_truth(truth_folder(cases), campaign.commitments, answers)
+        except BadProof as error:  # the folder goes, so the message names the file
+            raise BadProof(str(error).replace(str(fresh), str(file))) from error
+        write_manifest(fresh, verb="prove", pack=file.name)
+    cases = out / cases.name
+    found = prove(cases, answers_folder(cases), engine=engine, jobs=jobs, scheduler=scheduler, progress=progress)
+    return found, changed_measures(campaign.score, found)
+
+
 def _counted(
     cases: Path,
     out: Path,
@@ -146,18 +210,23 @@ def _counted(
     check_remade(truths, commitments, remade, out, engine, jobs, scheduler, progress)
     judged = [judge(truths[name], answer) for name, answer in answers.items()]
     found = score(judged)
-    found["measures"] += partial_rows(truths, answers)
+    answered_with = read_shaped(out / MANIFEST, MANIFEST_SHAPE, "a manifest")
+    found["measures"] += [*arm_rows(judged), *partial_rows(truths, answers)]
+    found["measures"] = with_targets(found["measures"], answered_with.get("targets", {}))
+    found["levels"] = level_rows(judged, truths, answers)
+    found["decisions"] = decision_rows(judged)
+    found["stated"] = stated_rows(judged, truths, answers)
     found["baselines"] = baseline_rows(judged, answers, truths)
     found["plan"] = truths["plan"]
     found["never_hidden"] = sorted(
         {e.physics for e in EFFECTS.values()} - {e for n in answers for h in truths[n]["hidden"] for e in h["accepted"]}
     )
-    found["answered_with"] = read_shaped(out / MANIFEST, {}, "a manifest")
+    found["answered_with"] = answered_with
     found["counted_with"] = scoring_digest()
     found["is_answered_first"] = is_first
     if remade:
         found["truths_made_again"] = remade
-    found["is_counted_as_set_down"] = found["answered_with"].get("scoring") == found["counted_with"]
+    found["is_counted_as_set_down"] = is_set_down(answered_with)
     found["judged"] = [_row(j) for j in judged]
     for row in found["worst"]:
         row["report"] = None

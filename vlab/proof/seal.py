@@ -13,15 +13,29 @@ from pathlib import Path
 from typing import Any
 
 from vlab.errors import BadProof
+from vlab.files.output_folder import folder_beside
 from vlab.files.plain_text import read_plain_text
 from vlab.proof import document_schema as shapes
 from vlab.proof.document_schema import has_shape
 from vlab.recordings.files import written_whole
 
 FORMAT = "vlab-concealed-1"
-COMMITMENTS = "commitments.json"
-TRUTH = "truth.json"
+COMMITMENTS, PLAN, OPENED = "commitments.json", "plan.json", "opened.json"
+"""COMMITMENTS, PLAN, OPENED: files of the cases and of their truth. `OPENED` lists the hashes of the frozen answers for
+which the truth was opened, in order."""
+MANIFEST, ANSWERS, FROZEN, SCORE = "manifest.json", "answers", "frozen.json", "score.json"
+"""MANIFEST, ANSWERS, FROZEN, SCORE: files and subfolder in the folder of the answers."""
 _NAME = re.compile(r"case-[0-9]{3,9}")
+
+
+def truth_folder(folder: Path) -> Path:
+    """Return the folder of the truth, beside the cases."""
+    return folder_beside(folder, "{}-truth")
+
+
+def answers_folder(cases: Path) -> Path:
+    """Return the folder of the answers, beside the cases."""
+    return folder_beside(cases, "{}-answers")
 
 
 def canonical(document: Any) -> bytes:
@@ -129,14 +143,36 @@ def read_json(path: Path) -> Any:
         The file is missing or malformed, or a number is not finite.
     """
     try:
-        text = read_plain_text(path)
-        return json.loads(text, parse_float=_finite, parse_constant=_finite, parse_int=_whole)
+        return parse_json(read_plain_text(path))
     except FileNotFoundError:
         raise BadProof(f"{path}: there is no such file; check the folder, or conceal the cases first") from None
     except NotADirectoryError:
         raise BadProof(f"{Path(path).parent} is no folder of sealed cases; name the folder") from None
     except (OSError, ValueError, RecursionError) as error:
         raise BadProof(f"{path}: not readable as JSON: {error}") from error
+
+
+def parse_json(text: str) -> Any:
+    """Parse a JSON document with finite numbers.
+
+    Parameters
+    ----------
+    text : str
+        Document.
+
+    Returns
+    -------
+    object
+        Plain values.
+
+    Raises
+    ------
+    ValueError
+        The document is malformed, or a number is not finite.
+    RecursionError
+        The document is nested too deeply.
+    """
+    return json.loads(text, parse_float=_finite, parse_constant=_finite, parse_int=_whole)
 
 
 def _finite(text: str) -> float:
@@ -198,12 +234,34 @@ def committed(cases: Path) -> dict[str, Any]:
         There are no commitments, or one has an invalid name.
     """
     path = cases / COMMITMENTS
-    document = read_json(path)
+    return checked_commitments(read_json(path), where=str(path))
+
+
+def checked_commitments(document: Any, *, where: str) -> dict[str, Any]:
+    """Return commitments of valid format and names.
+
+    Parameters
+    ----------
+    document : object
+        Plain values.
+    where : str
+        File, for the message.
+
+    Returns
+    -------
+    dict
+        Document of commitments.
+
+    Raises
+    ------
+    BadProof
+        The document holds no commitments, or one has an invalid name.
+    """
     if not has_shape(document, shapes.COMMITMENTS) or document["format"] != FORMAT:
-        raise BadProof(f"{path}: not a list of commitments ({FORMAT}); conceal the cases again")
+        raise BadProof(f"{where}: not a list of commitments ({FORMAT}); conceal the cases again")
     for name in document["cases"]:
         if not _NAME.fullmatch(name):
-            raise BadProof(f"{path}: {name!r} is no commitment to a case; restore the file")
+            raise BadProof(f"{where}: {name!r} is no commitment to a case; restore the file")
     return dict(document)
 
 

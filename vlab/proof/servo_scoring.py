@@ -3,16 +3,20 @@
 The rules of `vlab.proof.manifest.SCORING` stay as they were when the stored answers were frozen.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from vlab.proof.equivalence import BAND_HZ, right_class
-from vlab.proof.judge import same_place
+from vlab.proof.judge import Judged, same_place
+from vlab.proof.score import HEADLINE
 from vlab.proof.statistics import rate
+from vlab.proof.suites import ARM
 
+ON_ARMS = "right class on the arms"
+"""ON_ARMS: row of the arms in the table of measures."""
 ARM_HZ = 6.0
 """ARM_HZ [Hz]: highest frequency in the motions of an arm, twice the highest line of a multisine: servos smooth steps."""
-BAND_HZ.setdefault("arm", ARM_HZ)
+BAND_HZ.setdefault(ARM, ARM_HZ)
 PARTLY, UNKNOWN = "partly-explained", "unknown-law"
 """PARTLY, UNKNOWN: verdicts that name a part of the mismatch, or a place alone. They never count as right."""
 WORDS = {PARTLY: "partly explained", UNKNOWN: "place found, law unknown"}
@@ -39,6 +43,23 @@ def is_part_right(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
     if answer["verdict"] == PARTLY:
         return any(first["effect"] in right_class(dict(truth), hidden) for hidden in truth["hidden"])
     return any(same_place(first["place"], hidden) for hidden in truth["hidden"])
+
+
+def arm_rows(judged: Sequence[Judged]) -> list[dict[str, Any]]:
+    """Return the row of arms for the table of measures.
+
+    Parameters
+    ----------
+    judged : sequence of Judged
+        Judged cases.
+
+    Returns
+    -------
+    list of dict
+        One row as in `vlab.proof.score.measures`; none without arms.
+    """
+    arms = [j for j in judged if j.bench == ARM]
+    return [_row(ON_ARMS, [j.right_class for j in arms if j.suite in HEADLINE and j.in_library])] if arms else []
 
 
 def partial_rows(truths: Mapping[str, Any], answers: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -8,12 +8,10 @@ from typing import Any
 from vlab.errors import BadProof
 from vlab.files.locks import sole_use
 from vlab.proof.conceal import make_again
-from vlab.proof.seal import canonical, is_made_again, opened, read_json, write_json
+from vlab.proof.seal import OPENED, PLAN, canonical, is_made_again, opened, read_json, write_json
 
 REMADE = ".remade"
 """REMADE: folder of regenerated recordings during the check of truths without salts."""
-OPENED = "opened.json"
-"""OPENED: file of hashes of the frozen answers for which the truth was opened, in order."""
 
 
 def note_opening(folder: Path, frozen: str) -> bool:
@@ -77,7 +75,7 @@ def open_truth(folder: Path, commitments: dict[str, Any], names: Iterable[str]) 
     BadProof
         A truth is missing or differs from its commitment.
     """
-    path = folder / "plan.json"
+    path = folder / PLAN
     out = {"plan": opened(read_json(path), commitments["plan"], where=str(path))}
     remade = []
     for name in names:

@@ -5,8 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from vlab.proof.judge import NOTHING
+from vlab.proof.levels import level_table
 from vlab.proof.prove import baseline_table, table_rows
 from vlab.proof.score import STRUCTURES
+from vlab.proof.stated import EDGE, decision_table, stated_table
 from vlab.views.figures import to_svg
 from vlab.views.figures.proof import confusion_figure, detection_figure, rates_figure, reliability_figure
 from vlab.views.reports.page import Section, write_report
@@ -48,7 +50,14 @@ def write_proof(found: Mapping[str, Any], path: Path) -> None:
         f"thresholds {found['answered_with']['thresholds_sha256'][:12]}, code {found['answered_with']['code'][:12]}.{rules}{remade} {untried}",
         f"Targets missed: {'; '.join(missed)}." if missed else met,
     )
-    parts = [_measures(found), _suites(found), _detection(found), _calibration(found), _confusion(found)]
+    parts = [
+        _measures(found),
+        _suites(found),
+        _levels(found),
+        _detection(found),
+        _calibration(found),
+        _confusion(found),
+    ]
     parts += [_failures(found), _baselines(found)]
     write_report(path, title="What was concealed, and what was found", sections=parts, summary=summary)
 
@@ -66,7 +75,8 @@ def _rates(
     for m in measures:
         if "count" not in m or not m["of"]:
             continue
-        ends = [float(word) for word in m["target"].strip("<>= ").split(" to ") if word]
+        value = m["target"].partition(",")[0]  # the bound of the interval's lower end is not drawn
+        ends = [float(word) for word in value.strip("<>= ").split(" to ") if word]
         least = None if not ends or m["target"].startswith("<=") else ends[0]
         most = ends[-1] if len(ends) > 1 or m["target"].startswith("<=") else None
         rows.append((m["measure"], m["count"], m["of"], tuple(m["ci95"]), (least, most)))
@@ -96,6 +106,15 @@ def _suites(found: Mapping[str, Any]) -> Section:
         "library, none-of-these."
     )
     return Section(title="By suite", text=text, tables=[(heads, rows)])
+
+
+def _levels(found: Mapping[str, Any]) -> Section:
+    text = (
+        "First finding of cases with an effect of the library: exact place, and family, and effect in its class, and the very law. "
+        "A level counts only with all before it. missing-physics counts out of all cases of the bench, a partial verdict out of "
+        "its own cases; the form counts where the hidden law is that of the library."
+    )
+    return Section(title="How far down an answer is right", text=text, tables=[level_table(found["levels"])])
 
 
 def _detection(found: Mapping[str, Any]) -> Section:
@@ -141,7 +160,15 @@ def _calibration(found: Mapping[str, Any]) -> Section:
     if found["calibration"]:
         caption = "Dotted: as often as said. Numbers: findings in the bin; intervals of 95 %."
         figures.append((to_svg(reliability_figure(found["calibration"])), caption))
-    return Section(title="How far probabilities hold", figures=figures)
+    text = (
+        "Decisions: a name counts from the stated probability on, everything else abstains; right is the class. Wrong names "
+        "with nothing hidden and outside the library stand apart.",
+        "Log score: mean negative log likelihood that the first finding is there, of the unknown law that something is at its place; "
+        f"probabilities end at {EDGE:g} and {1 - EDGE:g}. Verdicts without a finding state none. The last column is the score of "
+        "the share that holds, stated always.",
+    )
+    tables = [decision_table(found["decisions"]), stated_table(found["stated"])]
+    return Section(title="How far probabilities hold", text=text, tables=tables, figures=figures)
 
 
 def _confusion(found: Mapping[str, Any]) -> Section:
