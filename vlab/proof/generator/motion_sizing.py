@@ -1,4 +1,4 @@
-"""Size of a hidden effect on an arm: its residual after calibration, over the noise."""
+"""Size of a hidden effect on a mechanism: its residual after calibration, over the noise."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -11,13 +11,13 @@ from vlab.signals import Array, rms
 STEP = 1e-2
 """STEP [-]: difference of log-factors in the derivatives, over their standard deviation if that is smaller."""
 CYCLES, SHARES, ENOUGH = 6, (1.0, 0.4, 0.15, 0.05), 0.98
-"""CYCLES, SHARES, ENOUGH [-]: Gauss-Newton steps with the derivatives of the arm as built, tried step lengths, and cost
+"""CYCLES, SHARES, ENOUGH [-]: Gauss-Newton steps with the derivatives of the mechanism as built, tried step lengths, and cost
 ratio of a step that is worth another one."""
 MOST = 3.0
 """MOST [-]: largest change of a benign parameter in standard deviations."""
 
 
-class ArmRefit:
+class MotionRefit:
     """Calibration of the benign parameters to a changed response.
 
     Parameters
@@ -25,7 +25,7 @@ class ArmRefit:
     run : callable
         Maps log-factors to the readings of the fit recordings, (n_samples, channels, runs).
     factors : mapping
-        Log-factors of the arm as built.
+        Log-factors of the mechanism as built; missing ones are zero.
     benign : sequence of Benign
         Parameters with the standard deviations that the case states.
     sigma : (channels,) array
@@ -39,12 +39,12 @@ class ArmRefit:
         benign: Sequence[Benign],
         sigma: Array,
     ) -> None:
-        self._run, self._factors = run, dict(factors)
-        self._names = [b.name for b in benign]
+        self._run, self._names = run, [b.name for b in benign]
+        self._factors = {**dict.fromkeys(self._names, 0.0), **factors}
         self._sd = np.array([b.prior for b in benign])
         self._weight = 1.0 / sigma[None, :, None]
-        self.null = run(factors)
-        """Readings of the arm as built."""
+        self.null = run(self._factors)
+        """Readings of the mechanism as built."""
         columns = []
         for name, sd in zip(self._names, self._sd, strict=True):
             by = min(STEP, sd)
