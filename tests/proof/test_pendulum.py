@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -164,7 +165,7 @@ def test_a_law_moves_the_pendulum_as_a_general_integrator_says(numbers, law):
 
     t = np.arange(len(q)) * step
     exact = solve_ivp(rate, (0, t[-1]), [1.2, 0.0], "DOP853", t, rtol=1e-10, atol=1e-12, max_step=2e-3).y[0]
-    assert np.abs(q - exact).max() < 1e-5
+    assert np.abs(q - exact).max() < 5e-5
 
 
 def test_half_the_step_changes_a_quarter_as_much():
@@ -173,7 +174,7 @@ def test_half_the_step_changes_a_quarter_as_much():
     log = replace(log, machine=log.machine.with_numbers(0, dry=0.3, stop=200.0, gap=0.1).with_numbers(1, dry=2e-3))
     commands = 4.0 * np.sin(2 * np.pi * 0.7 * np.arange(400) / 100)[:, None, None]
     runs = [log.stepped(n).run(commands) for n in (10, 20, 40, 80)]
-    change = [np.sqrt(np.mean((a - b) ** 2, axis=(0, 2))) for a, b in zip(runs, runs[1:], strict=False)]
+    change = [np.sqrt(np.mean((a - b) ** 2, axis=(0, 2))) for a, b in pairwise(runs)]
     assert (change[-1] < 1e-5).all()
     assert (change[0] / change[-1] > 4.0).all()
 
@@ -221,11 +222,12 @@ def test_a_payload_is_a_point_mass_at_the_tip():
 
 @pytest.fixture(scope="module")
 def logs():
-    """Six seconds of a cart and of a double pendulum, with commands and signal sizes."""
+    """Six seconds of a cart and of a double pendulum to either side, with commands and signal sizes."""
     cart, twin = log_of(LIGHT, substeps=10), log_of(TWIN, substeps=10, lead=10)
     time = np.arange(600) / 100
-    pushed = (5.0 * np.sin(2 * np.pi * 0.6 * time) * (time > 0.3))[:, None, None]
-    released = np.tile(np.array([0.8, -0.3]), (600, 1))[:, :, None]
+    both = np.array([1.0, -1.0])
+    pushed = (5.0 * np.sin(2 * np.pi * 0.6 * time) * (time > 0.3))[:, None, None] * both
+    released = np.tile(np.array([0.8, -0.3]), (600, 1))[:, :, None] * both
     return [(log, u, log.scales(u)) for log, u in ((cart, pushed), (twin, released))]
 
 
@@ -272,33 +274,41 @@ def test_calibration_takes_up_benign_parameters_and_releases_but_no_friction():
     log = log_of(BOB, substeps=10, lead=10)
     commands = np.stack([np.full((800, 1), a) for a in (0.6, 1.8)], axis=-1)
     benign = (*benign_of(STATED, BOB), *starts_of(BOB, 2))
-    refit = MotionRefit(lambda f: log.rebuilt(f).run(commands), {}, benign, np.full(1, 1e-3))
-    for factors in ({"inertia:rod": 0.03}, {"angle:1:0": 0.05, "rate:0:0": -0.1}):
+    sigma = np.full(1, 1e-3)
+    refit = MotionRefit(lambda f: log.rebuilt(f).run(commands), {}, benign, sigma, is_relinearised=True)
+    for factors in ({"inertia:rod": 0.03}, {"angle:1:0": 0.01, "rate:0:0": -0.1}):
         moved = refit.size(log.rebuilt(factors).run(commands))
         assert moved.change > 5.0
         assert moved.left < 0.1
     rubbed = refit.size(log.with_numbers("joint:pivot", dry=0.02).run(commands))
-    assert rubbed.left > 0.1 * rubbed.change > 1.0
+    assert rubbed.left > 10.0
+    assert rubbed.left > 0.05 * rubbed.change  # the damper takes most of small friction
 
 
 # ---- cases ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("bench", ["pendulum", "cart"])
-def test_a_case_is_checked_and_compared_and_has_the_same_bits_again(bench, tmp_path):
+def test_the_same_seed_gives_the_same_bits(bench):
     made, again = (conceal_pendulum(bench, Wanted(suite="null"), np.random.default_rng(4)) for _ in range(2))
     assert np.array_equal(made.outputs, again.outputs)
+    json.dumps(made.truth, allow_nan=False)
+    assert made.truth["step_halved"]["over_noise"] <= 0.1
+
+
+@pytest.mark.parametrize("bench", [pytest.param("pendulum", marks=pytest.mark.slow), "cart"])
+def test_a_case_is_checked_and_compared(bench, tmp_path):
+    made = conceal_pendulum(bench, Wanted(suite="null"), np.random.default_rng(4))
     write_case(made, tmp_path / "case")
     compared = compare_case(tmp_path / "case")
     assert compared
     text = (tmp_path / "case" / "case.toml").read_text() + (tmp_path / "case" / f"{bench}.xml").read_text()
     assert not [w for w in ("null", "hidden", "sigma", "effect", "twice", "release") if w in text]
-    json.dumps(made.truth, allow_nan=False)
-    assert made.truth["step_halved"]["over_noise"] <= 0.1
 
 
 @pytest.mark.parametrize(
-    ("suite", "bench"), [("in-library", "cart"), ("in-library", "pendulum"), ("two-effects", "cart")]
+    ("suite", "bench"),
+    [("in-library", "cart"), pytest.param("in-library", "pendulum", marks=pytest.mark.slow), ("two-effects", "cart")],
 )
 def test_hidden_effects_have_the_wanted_size_and_their_own_names_are_right(suite, bench):
     truth = make_case(suite, (bench,), 6, 0).truth

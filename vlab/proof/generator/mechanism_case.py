@@ -266,7 +266,13 @@ def _hide(
     commands = drawn.plan.commands[:, :, drawn.plan.fit]
     rate_hz = drawn.setup.rate_hz
     coarse = drawn.setup.stepped(steps_within(rate_hz, REFIT_S))
-    refit = MotionRefit(lambda factors: coarse.rebuilt(factors).run(commands), drawn.factors, drawn.benign, drawn.sigma)
+    refit = MotionRefit(
+        lambda factors: coarse.rebuilt(factors).run(commands),
+        drawn.factors,
+        drawn.benign,
+        drawn.sigma,
+        is_relinearised=any(b.kind == "start" for b in drawn.benign),
+    )
     search = drawn.setup.stepped(steps_within(rate_hz, SEARCH_S))
     shift = refit.null - search.run(commands)  # the error of the coarser steps
     scales = search.scales(commands)
