@@ -53,7 +53,18 @@ class ServoArm:
         return self.n - 1 if place in ("chain", "site:tip") else self.joint(place)
 
     def places(self, kind: Kind) -> list[str]:
-        """Return the possible places of a kind."""
+        """Return the possible places of a kind.
+
+        Parameters
+        ----------
+        kind : Kind
+            Kind of hidden effect.
+
+        Returns
+        -------
+        list of str
+            Names of the places.
+        """
         return {
             "servo": [f"actuator:{servo}" for servo in self.arm.servos],
             "all servos": ["chain"],
@@ -79,7 +90,18 @@ class ServoArm:
         return replace(scales[self.coordinate(place)], each=scales)
 
     def alike(self, x: Hidden) -> dict[str, Any]:
-        """Return other names of the place of an effect, and places near it."""
+        """Return other names of the place of an effect, and places near it.
+
+        Parameters
+        ----------
+        x : Hidden
+            Hidden effect.
+
+        Returns
+        -------
+        dict
+            Entries of the truth: ``places_alike``, ``places_near`` and ``at_actuator``.
+        """
         joints = [link.joint for link in self.arm.links]
         everywhere = [f"joint:{name}" for name in joints] + [f"actuator:{name}" for name in self.arm.servos]
         alike: list[str] = []

@@ -1,4 +1,4 @@
-"""Flow of a concealed case of a mechanism: deviations, noise, sizes of hidden effects, steps, truth.
+"""Concealed case of a mechanism: deviations, noise, hidden effects, truth.
 
 A mechanism is an arm on servos or a pendulum, with its clock and its log.
 """
@@ -64,10 +64,10 @@ class Mechanism(Protocol):
         """Return the possible places of a kind."""
 
     def coordinate(self, place: str) -> int:
-        """Return the coordinate of a place; two effects do not share one where there are several."""
+        """Return the coordinate of a place, which effects do not share."""
 
     def alike(self, x: Hidden) -> dict[str, Any]:
-        """Return other names of the place, places near it, and whether an actuator acts there."""
+        """Return other names of a place, and places near it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,4 +1,4 @@
-"""Concealed case of a free pendulum or of a cart with a hanging one: draw, log, hidden effects."""
+"""Concealed case of a free pendulum, or of a cart with one."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -144,7 +144,7 @@ def _draw(bench: str, rng: np.random.Generator) -> Drawn:
 
 
 def _released(pendulum: Pendulum, time: Array, rng: np.random.Generator) -> SwingPlan:
-    """Draw three or four releases from angles over the whole range, and a held-out one."""
+    """Draw releases over the whole range, and a held-out one."""
     count, (low, high) = int(rng.integers(3, 5)), pendulum.widest
     levels = [*(np.linspace(low, high, count) * rng.uniform(0.92, 1.0, count)), float(rng.uniform(low, high))]
     commands = np.zeros((time.size, len(pendulum.joints), len(levels)))
@@ -159,7 +159,7 @@ def _released(pendulum: Pendulum, time: Array, rng: np.random.Generator) -> Swin
 
 
 def _pushed(cart: Cart, time: Array, rng: np.random.Generator) -> SwingPlan:
-    """Draw three or four recordings of one or two signals at several levels, and a held-out one."""
+    """Draw recordings of a motor at several levels, and a held-out one."""
     count = int(rng.integers(3, 5))
     main, other = picked(rng, PUSHED), picked(rng, PUSHED)
     signals = [main] * (count - 1) + [other, main]
@@ -176,7 +176,7 @@ def _pushed(cart: Cart, time: Array, rng: np.random.Generator) -> SwingPlan:
 
 
 def _steps(rng: np.random.Generator, time: Array) -> Array:
-    """Return pairs of opposite steps with pauses; a pair leaves the cart near its place."""
+    """Return pairs of opposite steps, which keep the cart near."""
     out, at, side = np.zeros(time.size), REST_S, float(rng.choice([-1.0, 1.0]))
     while at < time[-1]:
         size, width, side = side * rng.uniform(0.6, 1.4), rng.uniform(0.2, 0.6), -side

@@ -1,4 +1,4 @@
-"""Free pendulums and carts with a hanging pendulum, as built and as their users model them.
+"""Free pendulums and carts, as built and as users model them.
 
 The MJCF is text for the case and is not read here. Angles count from the hanging rest; a positive angle carries the rod
 towards positive x.
@@ -192,7 +192,20 @@ def benign_of(stated: Mapping[str, float], pendulum: Pendulum) -> tuple[Benign, 
 
 
 def starts_of(pendulum: Pendulum, runs: int) -> tuple[Benign, ...]:
-    """Return the unknown states at the releases of some recordings, which a calibration estimates too."""
+    """Return the unknown states at releases.
+
+    Parameters
+    ----------
+    pendulum : Pendulum
+        Pendulum.
+    runs : int
+        Number of recordings to fit.
+
+    Returns
+    -------
+    tuple of Benign
+        One parameter a recording, coordinate and entry of `START`; none with a cart.
+    """
     if pendulum.cart is not None:
         return ()
     return tuple(

@@ -4,10 +4,10 @@ The equations of motion are those of Lagrange in closed form. A hinge angle q co
 centre c below the hinge, moment of inertia I about the centre, and length l:
 
 - one rod: (I + m c^2) q'' + m g c sin q = f;
-- two rods, with q_2 relative to the first and b = m_2 l_1 c_2 [1]_:
-  M_11 = J_1 + J_2 + 2 b cos q_2, M_12 = J_2 + b cos q_2, M_22 = J_2 with J_1 = I_1 + m_1 c_1^2 + m_2 l_1^2 and
-  J_2 = I_2 + m_2 c_2^2;
+- two rods, with q_2 relative to the first [1]_: M_11 = J_1 + J_2 + 2 b cos q_2, M_12 = J_2 + b cos q_2, M_22 = J_2;
 - a cart of mass m_0 at x with one rod: M_11 = m_0 + m, M_12 = m c cos q, M_22 = I + m c^2.
+
+Here J_1 = I_1 + m_1 c_1^2 + m_2 l_1^2, J_2 = I_2 + m_2 c_2^2 and b = m_2 l_1 c_2.
 
 The numbers of a joint are a table with one column a coordinate, see `NUMBERS`. Dry friction sticks exactly, by impulses as in
 `vlab.proof.generator.servo_drive`.
@@ -116,7 +116,18 @@ class Swinging:
         return replace(self, joints=joints)
 
     def with_payload(self, mass: float) -> "Swinging":
-        """Return the pendulum with a point mass [kg] at its tip."""
+        """Return the pendulum with a point mass at its tip.
+
+        Parameters
+        ----------
+        mass : float
+            Mass [kg].
+
+        Returns
+        -------
+        Swinging
+            Pendulum with a heavier last rod.
+        """
         own, centre, inertia, length = self.bodies[:, -1]
         whole = own + mass
         middle = (own * centre + mass * length) / whole
@@ -144,7 +155,18 @@ class Swinging:
         return M, b, load
 
     def energy(self, q: Array, v: Array) -> float:
-        """Return kinetic and potential energy [J] without the joints' own springs."""
+        """Return kinetic and potential energy without springs of joints.
+
+        Parameters
+        ----------
+        q, v : (n,) array
+            Coordinates [m, rad] and rates.
+
+        Returns
+        -------
+        float
+            Energy [J].
+        """
         m, c, _, length = self.bodies
         angles = np.cumsum(q[-len(m) :])
         hinges = np.concatenate([[0.0], -np.cumsum(length[:-1] * np.cos(angles[:-1]))])
@@ -186,8 +208,14 @@ class Swinging:
 
         Parameters
         ----------
-        forces, step, substeps, first
-            See `march`.
+        forces : (n_steps,) array
+            Force of the motor before its gain [N].
+        step : float
+            Step [s].
+        substeps : int
+            Steps per sample.
+        first : (2, n) array
+            Coordinates and rates at the beginning.
         is_fourth_order : bool
             Whether the steps are of fourth order.
 
@@ -216,7 +244,24 @@ def free(
     gain: float,
     damping: Array,
 ) -> Swinging:
-    """Return a pendulum with ideal joints, see `Swinging`."""
+    """Return a pendulum with ideal joints.
+
+    Parameters
+    ----------
+    layout : str
+        Key of `CODES`.
+    bodies : (4, rods) array
+        See `Swinging`.
+    rail, gravity, gain : float
+        See `Swinging`.
+    damping : (n,) array
+        Damping of the joints [N s/m, N m s/rad].
+
+    Returns
+    -------
+    Swinging
+        Pendulum.
+    """
     joints = np.repeat(np.array(list(NUMBERS.values()))[:, None], len(damping), axis=1)
     joints[_DAMP] = damping
     return Swinging(code=CODES[layout], bodies=bodies, rail=rail, gravity=gravity, gain=gain, joints=joints)
@@ -257,7 +302,10 @@ def _equations(
 
 @compiled
 def _law(z: float, v: float, t: float, pull: float, d: Array) -> float:
-    """Return the smooth force of a joint but for its damper; `pull` is the state of the cable."""
+    """Return the smooth force of a joint but for its damper.
+
+    `pull` is the state of the cable.
+    """
     f = d[_PUSH] - (d[_SPRING] + d[_DRIFT] * t) * z - (d[_CUBIC] + d[_QUINTIC] * z * z) * z * z * z
     if d[_DRAG] != 0.0 and v != 0.0:
         f -= d[_DRAG] * np.sign(v) * abs(v) ** d[_POWER]
@@ -366,7 +414,10 @@ def _accelerations(
     implicit: float,
     out: Array,
 ) -> None:
-    """Write the accelerations of ideal joints; `implicit` is the step of implicit dampers, or zero."""
+    """Write the accelerations of ideal joints.
+
+    `implicit` is the step of implicit dampers, or zero.
+    """
     n = len(q)
     M, W, b, load = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n)
     _equations(code, bodies, rail, g, q, v, M, b, load)

@@ -64,7 +64,7 @@ class SwingLog:
         return self.machine.n
 
     def coordinate(self, place: str) -> int:
-        """Return the coordinate of a place: the first one of a motor, the last one of the tip."""
+        """Return the coordinate of a place."""
         if place == "site:tip":
             return self.n - 1
         return 0 if place.startswith("actuator:") else self.pendulum.joints.index(place.rpartition(":")[2])
@@ -73,6 +73,16 @@ class SwingLog:
         """Return the possible places of a kind.
 
         One rod alone has none for masses: all of them change its period alone, as the benign parameters do.
+
+        Parameters
+        ----------
+        kind : Kind
+            Kind of hidden effect.
+
+        Returns
+        -------
+        list of str
+            Names of the places.
         """
         if kind.family == "mass" and self.n == 1:
             return []
@@ -230,7 +240,18 @@ class SwingLog:
         return np.stack(out, axis=-1)
 
     def scales(self, commands: Array) -> tuple["SwingScale", ...]:
-        """Return the signal sizes of all coordinates, over the given recordings."""
+        """Return the signal sizes of all coordinates.
+
+        Parameters
+        ----------
+        commands : (n_samples, inputs, runs) array
+            Inputs of the fit recordings, see `march`.
+
+        Returns
+        -------
+        tuple of SwingScale
+            Sizes by coordinate, over all recordings.
+        """
         marched = np.concatenate([self.march(commands[:, :, i], i) for i in range(commands.shape[2])])
         u = commands[:, 0].ravel() if self.pendulum.cart is not None else np.zeros(1)
         slope = float(np.abs(np.diff(commands[:, 0], axis=0)).max()) * self.rate_hz if len(u) > 1 else 0.0
@@ -258,7 +279,18 @@ class SwingLog:
         return found
 
     def alike(self, x: Hidden) -> dict[str, Any]:
-        """Return other names of the place of an effect, and places near it."""
+        """Return other names of the place of an effect, and places near it.
+
+        Parameters
+        ----------
+        x : Hidden
+            Hidden effect.
+
+        Returns
+        -------
+        dict
+            Entries of the truth: ``places_alike``, ``places_near`` and ``at_actuator``.
+        """
         joints, bodies, j = self.pendulum.joints, self.pendulum.bodies, self.coordinate(x.place)
         is_driven = joints[j] == "slide"
         if x.kind.on == "sensor":
@@ -312,7 +344,26 @@ class SwingScale(Scale):
 
 
 def ideal(pendulum: Pendulum, factors: Mapping[str, float], *, rate_hz: float, substeps: int, lead: int) -> SwingLog:
-    """Return the log of a pendulum as built without hidden effects, see `SwingLog`."""
+    """Return the log of a pendulum as built, without hidden effects.
+
+    Parameters
+    ----------
+    pendulum : Pendulum
+        Pendulum.
+    factors : mapping of str to float
+        Log-factors of its parameters.
+    rate_hz : float
+        Rate of the log [Hz].
+    substeps : int
+        Steps per sample.
+    lead : int
+        Samples from a release to the recording.
+
+    Returns
+    -------
+    SwingLog
+        Log.
+    """
     machine = built(pendulum, factors)
     return SwingLog(
         pendulum=pendulum, machine=machine, motor=MOTOR, sensors=(SENSOR,) * machine.n, starts={}, lead=lead,
