@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vlab.cases import compare_case
+from vlab.cases import compare_case, load_case, simulate
+from vlab.physics.attach import Attached, attach
+from vlab.physics.catalogue import EFFECTS
 from vlab.plants.mjcf import build_mjcf
 from vlab.proof.case_folder import write_case
 from vlab.proof.equivalence import right_class
@@ -17,7 +19,7 @@ from vlab.proof.generator.concealed import Wanted
 from vlab.proof.generator.hidden import Hidden
 from vlab.proof.generator.motion_sizing import MotionRefit
 from vlab.proof.generator.pendulum import conceal_pendulum
-from vlab.proof.generator.pendulum_effects import SWING_STRANGE
+from vlab.proof.generator.pendulum_effects import SWING_LIBRARY, SWING_STRANGE
 from vlab.proof.generator.pendulum_models import BOB, CARTS, LIGHT, SWINGS, TWIN, benign_of, built, mjcf_of, starts_of
 from vlab.proof.generator.pendulum_setup import ideal
 from vlab.proof.judge import judge
@@ -249,8 +251,6 @@ def test_everything_that_can_be_hidden_changes_something_and_grows(logs, kind):
 
 
 def test_names_and_parameters_are_those_of_the_catalogue(logs):
-    from vlab.physics.catalogue import EFFECTS
-
     for kind in swing_kinds():
         assert set(kind.accepted) <= set(EFFECTS)
         if kind in SWING_STRANGE:
@@ -260,6 +260,53 @@ def test_names_and_parameters_are_those_of_the_catalogue(logs):
         parameters, _ = kind.make(0.5, kind.draw(np.random.default_rng(0)), logs[0][2][0])
         if kind.same:
             assert set(parameters) == {p.name for p in EFFECTS[kind.name].parameters}, kind.name
+
+
+@pytest.fixture(scope="module")
+def null_cart():
+    return conceal_pendulum("cart", Wanted(suite="null"), np.random.default_rng(4))
+
+
+APART = {"coulomb-friction": 0.1, "stribeck-friction": 0.1}
+"""Shares of the effect by which the sides may differ: friction of MuJoCo is soft."""
+
+
+@pytest.mark.parametrize(
+    ("kind", "place"),
+    [
+        pytest.param(k, p, marks=[pytest.mark.slow] if i else [])
+        for k in SWING_LIBRARY
+        if k.same
+        for i, p in enumerate(log_of(LIGHT).places(k))
+    ],
+    ids=lambda x: x if isinstance(x, str) else x.name,
+)
+def test_a_name_means_the_same_on_a_cart_of_mujoco(kind, place, null_cart, tmp_path):
+    """Both sides answer the same commands with and without an effect of the same parameters at the same place."""
+    log, time = log_of(LIGHT), np.arange(400) / 100
+    commands = (5.0 * np.cos(2 * np.pi * 0.6 * time) * (time > 0.3))[:, None, None]
+    scales, null = log.scales(commands), log.run(commands)
+    size = min(max(0.1, kind.start), kind.most)
+    shapes = kind.draw(np.random.default_rng(2))
+    one = Hidden(kind=kind, place=place, shapes=shapes, scale=log.scale_at(place, scales), size=size)
+    made = null_cart
+    text = mjcf_of(LIGHT, timestep=1e-3, integrator="RK4")
+    nominal = replace(made.blueprint, files={"cart.xml": text}, rate_hz=100.0)
+    plan = replace(made.plan, recordings=made.plan.recordings[:1], commands=commands)
+    sensors = (("joint:slide", "displacement", "m"), ("joint:pivot", "angle", "rad"))
+    write_case(replace(made, blueprint=nominal, plan=plan, sensors=sensors, outputs=null), tmp_path / "case")
+    loaded = load_case(tmp_path / "case")
+    (run,) = loaded.runs()
+    values = {k: float(v) for k, v in one.parameters.items()}
+    named = place.replace("sensor:", "sensor:joint:")
+    attached = Attached(effect=EFFECTS[kind.name], place=named, values=values)
+    channels = [name for name, _, _ in sensors]
+    plant = attach(loaded.plant, [attached], channels=channels)
+    ours = [simulate(p, run).recording.select(channels).data for p in (loaded.plant, plant)]
+    theirs = (log.run(commands, [one]) - null)[:, :, 0]
+    rms = null[:, :, 0].std(axis=0)
+    apart = np.sqrt(np.mean(((ours[1] - ours[0] - theirs) / rms) ** 2))
+    assert apart < APART.get(kind.name, 0.03) * np.sqrt(np.mean((theirs / rms) ** 2))
 
 
 @pytest.mark.parametrize("pendulum", ALL, ids=lambda p: p.name)

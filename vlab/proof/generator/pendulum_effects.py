@@ -13,7 +13,7 @@ Made = tuple[dict[str, float], Action]
 TICK_S = 0.01
 """TICK_S [s]: unit of the sizes of delays and lags."""
 FRICTION = ("coulomb-friction", "stribeck-friction", "lugre-friction", "smooth-friction")
-PROFILE = ("rate-limit", "slew-limit")
+PROFILE = ("slew-limit", "rate-limit")
 
 
 def _numbers(**numbers: float) -> Action:
@@ -87,7 +87,8 @@ SWING_LIBRARY: tuple[Kind, ...] = (
          make=lambda s, p, at: ({"force": (f := p["sign"] * s * at.force)}, _numbers(push=f))),
     Kind(name="sinusoidal-force", family="disturbance", on="joint", make=_sine, most=0.5, start=0.01,
          shapes={"hz": (0.3, 2.5, "log"), "phase": (0.0, 6.28)}),
-    Kind(name="added-mass", family="mass", on="tip", make=_payload, most=2.0, start=0.2),
+    Kind(name="added-mass", form="at the tip", family="mass", on="tip", make=_payload, most=2.0, start=0.2,
+         accepted=("added-mass",), same=False),
     Kind(name="added-mass", family="mass", on="joint", angular=False, most=1.0, start=0.1,
          make=lambda s, p, at: ({"mass": (m := s * at.m)}, _numbers(inertia=m))),
     Kind(name="rotary-inertia", family="mass", on="joint", angular=True, most=1.0, start=0.1,
@@ -106,7 +107,7 @@ SWING_LIBRARY: tuple[Kind, ...] = (
          make=lambda s, p, at: ({"delay": (d := s * TICK_S)}, _motor(delay=d))),
     Kind(name="actuator-lag", family="timing", on="actuator", start=0.5, most=15.0,
          make=lambda s, p, at: ({"time_constant": (d := s * TICK_S)}, _motor(lag=d))),
-    Kind(name="rate-limit", family="saturation", on="actuator", start=1.0, most=6.0, accepted=PROFILE,
+    Kind(name="slew-limit", family="saturation", on="actuator", start=1.0, most=6.0, accepted=PROFILE,
          make=lambda s, p, at: ({"slope": (r := at.slope * np.exp(-s))}, _motor(slope=r))),
     Kind(name="actuator-quantisation", family="resolution", on="actuator", most=1.5,
          make=lambda s, p, at: ({"step": (q := s * at.u)}, _motor(quantum=q))),
