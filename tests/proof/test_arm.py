@@ -21,9 +21,9 @@ from vlab.proof.generator.arm_commands import MOTIONS, motion, received
 from vlab.proof.generator.arm_effects import ARM_STRANGE
 from vlab.proof.generator.arm_models import ARMS, BENCHTOP, DESK, benign_of, built, mjcf_of, with_payload
 from vlab.proof.generator.arm_setup import ServoArm, direct, scales_of
-from vlab.proof.generator.arm_sizing import ArmRefit
 from vlab.proof.generator.concealed import Wanted
 from vlab.proof.generator.hidden import Hidden
+from vlab.proof.generator.motion_sizing import MotionRefit
 from vlab.proof.generator.rigid_body import Chain
 from vlab.proof.generator.servo_drive import ideal
 from vlab.proof.judge import judge
@@ -341,7 +341,7 @@ def test_calibration_takes_up_what_a_benign_parameter_does(shoulder):
     """A gain 2 % high is within its statement of 5 %; a command 20 ms late is not."""
     arm, commands, _ = shoulder
     benign, sigma = benign_of(STATED, DESK), np.full(3, 2e-4)
-    refit = ArmRefit(
+    refit = MotionRefit(
         lambda f: replace(arm, machine=built(DESK, f)).run(commands), {b.name: 0.0 for b in benign}, benign, sigma
     )
     stiffer = refit.size(replace(arm, machine=built(DESK, {"gain:shoulder_servo": 0.02})).run(commands))

@@ -1,4 +1,4 @@
-"""Scoring of arms, and of verdicts that name a part.
+"""Scoring of mechanisms, and of verdicts that name a part.
 
 The rules of `vlab.proof.manifest.SCORING` stay as they were when the stored answers were frozen.
 """
@@ -16,7 +16,11 @@ ON_ARMS = "right class on the arms"
 """ON_ARMS: row of the arms in the table of measures."""
 ARM_HZ = 6.0
 """ARM_HZ [Hz]: highest frequency in the motions of an arm, twice the highest line of a multisine: servos smooth steps."""
+SWING_HZ = 3.0
+"""SWING_HZ [Hz]: highest frequency of a cart's motor, and of the lower modes of free pendulums."""
 BAND_HZ.setdefault(ARM, ARM_HZ)
+BAND_HZ.setdefault("pendulum", SWING_HZ)
+BAND_HZ.setdefault("cart", SWING_HZ)
 PARTLY, UNKNOWN = "partly-explained", "unknown-law"
 """PARTLY, UNKNOWN: verdicts that name a part of the mismatch, or a place alone. They never count as right."""
 WORDS = {PARTLY: "partly explained", UNKNOWN: "place found, law unknown"}

@@ -1,6 +1,6 @@
 """Suites of concealed cases: effects, sizes, benches."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -16,6 +16,8 @@ from vlab.proof.generator.forms import FORMS
 from vlab.proof.generator.hidden import Kind
 from vlab.proof.generator.library import LIBRARY
 from vlab.proof.generator.out_of_library import STRANGE
+from vlab.proof.generator.pendulum import conceal_pendulum
+from vlab.proof.generator.pendulum_effects import SWING_FORMS, SWING_LIBRARY, SWING_STRANGE
 from vlab.proof.generator.rigs import shaft, slider
 
 OWN_FE, SHARED_FE = "own-fe", "shared-fe"
@@ -34,11 +36,13 @@ SOURCES: dict[str, dict[str, Callable[[], Blueprint]]] = {
 """SOURCES: benches by the source of the structures."""
 ARM = "arm"
 """ARM: bench of arms on position servos, see `vlab.proof.generator.arm`."""
-BENCHES = (*SOURCES[OWN_FE], ARM)
-OPEN_LOOP = {OWN_FE: ("slider", "beam", "grid", ARM), SHARED_FE: ("slider", ARM)}
+SWINGS = ("pendulum", "cart")
+"""SWINGS: benches of free pendulums and of carts with a hanging one, see `vlab.proof.generator.pendulum`."""
+BENCHES = (*SOURCES[OWN_FE], ARM, *SWINGS)
+OPEN_LOOP = {OWN_FE: ("slider", "beam", "grid", ARM, *SWINGS), SHARED_FE: ("slider", ARM, *SWINGS)}
 """OPEN_LOOP: benches without cases in a loop; the slider has no velocity sensor, and an arm closes its own loops."""
-SHARES = {"slider": 0.44, "shaft": 0.44, "beam": 0.09, "grid": 0.03, ARM: 0.09}
-"""SHARES [-]: frequency of each bench; a case of a structure or an arm takes as long as ten of a rig."""
+SHARES = {"slider": 0.44, "shaft": 0.44, "beam": 0.09, "grid": 0.03, ARM: 0.09, "pendulum": 0.09, "cart": 0.09}
+"""SHARES [-]: frequency of each bench; a case of a structure or a mechanism takes as long as ten of a rig."""
 DETECTABLE, OBVIOUS = 1.5, 30.0
 """DETECTABLE, OBVIOUS [-]: range of sizes after calibration, in units of the noise, of all suites but near-threshold."""
 NEAR = (0.1, 1.5)
@@ -99,6 +103,19 @@ ON_ARMS: dict[str, tuple[tuple[Kind, ...], ...]] = {
     "masked": (ARM_LIBRARY,),
 }
 """ON_ARMS: kinds of hidden effects on the bench of arms, by suite."""
+_IN_CHAIN = tuple(k for k in SWING_LIBRARY if k.on in ("actuator", "sensor"))
+_ON_BODIES = tuple(k for k in SWING_LIBRARY if k.on in ("joint", "tip"))
+ON_SWINGS: dict[str, tuple[tuple[Kind, ...], ...]] = {
+    "in-library": (SWING_LIBRARY,),
+    "other-form": (SWING_FORMS,),
+    "out-of-library": (SWING_STRANGE,),
+    "null": (),
+    "near-threshold": (SWING_LIBRARY,),
+    "two-effects": (_ON_BODIES, SWING_LIBRARY),
+    "chain-only": (_IN_CHAIN,),
+    "masked": (SWING_LIBRARY,),
+}
+"""ON_SWINGS: kinds of hidden effects on pendulums and carts, by suite."""
 
 
 SUITES: dict[str, Callable[[np.random.Generator], Wanted]] = {
@@ -111,7 +128,8 @@ SUITES: dict[str, Callable[[np.random.Generator], Wanted]] = {
     "chain-only": lambda rng: Wanted(suite="chain-only", kinds=(_CHAIN,)),
     "masked": _masked,
 }
-_SERVO = {"i": "in-library", "n": "null", "o": "out-of-library", "t": "two-effects", "f": "other-form"}
+_LETTERS = {"i": "in-library", "n": "null", "o": "out-of-library", "t": "two-effects", "f": "other-form"}
+_OF_MECHANISMS = tuple(_LETTERS[letter] for letter in "iniotifnioitniifoitn")
 MIXTURES = {
     "quick": ("in-library",) * 4
     + ("null",) * 3
@@ -122,7 +140,8 @@ MIXTURES = {
     + ("two-effects", "masked", "near-threshold", "chain-only"),
     "structures": ("out-of-library", "null", "in-library", "in-library", "other-form", "two-effects")
     + ("null", "in-library") * 3,
-    "servo": tuple(_SERVO[letter] for letter in "iniotifnioitniifoitn"),
+    "servo": _OF_MECHANISMS,
+    "pendulums": _OF_MECHANISMS,
     "all": tuple(SUITES),
 }
 """MIXTURES: mixed suites; the seed shuffles their order."""
@@ -197,7 +216,9 @@ def make_case(suite: str, benches: Sequence[str], seed: int, index: int, *, stru
         bench = str(rng.choice(possible, p=shares / shares.sum()))
         try:
             if bench == ARM:
-                made = conceal_arm(_on_arm(wanted), rng)
+                made = conceal_arm(_on_mechanism(wanted, ON_ARMS), rng)
+            elif bench in SWINGS:
+                made = conceal_pendulum(bench, _on_mechanism(wanted, ON_SWINGS), rng)
             else:
                 made = conceal(SOURCES[structures][bench](), wanted, rng)
             return replace(made, truth={**made.truth, "attempt": attempt})
@@ -206,13 +227,13 @@ def make_case(suite: str, benches: Sequence[str], seed: int, index: int, *, stru
     raise last or BadExperiment(f"the suite {suite!r} has no case on {', '.join(benches)}; add another bench")
 
 
-def _on_arm(wanted: Wanted) -> Wanted:
-    """Return the content with the kinds of an arm.
+def _on_mechanism(wanted: Wanted, kinds: Mapping[str, tuple[tuple[Kind, ...], ...]]) -> Wanted:
+    """Return the content with the kinds of a mechanism.
 
     Masked effects are those that calibration absorbs.
     """
     absorbed = ABSORBED if wanted.suite == "masked" else wanted.absorbed
-    return replace(wanted, kinds=ON_ARMS[wanted.suite], one_level=False, absorbed=absorbed)
+    return replace(wanted, kinds=kinds[wanted.suite], one_level=False, absorbed=absorbed)
 
 
 def check_benches(names: Sequence[str]) -> None:
@@ -236,3 +257,8 @@ def kinds() -> tuple[Kind, ...]:
 def arm_kinds() -> tuple[Kind, ...]:
     """Return all kinds of hidden effects of arms."""
     return (*ARM_LIBRARY, *ARM_FORMS, *ARM_STRANGE)
+
+
+def swing_kinds() -> tuple[Kind, ...]:
+    """Return all kinds of hidden effects of pendulums and carts."""
+    return (*SWING_LIBRARY, *SWING_FORMS, *SWING_STRANGE)

@@ -137,9 +137,7 @@ def with_noise_of(runs: Sequence[Run], others: Sequence[Run]) -> tuple[Run, ...]
         return replace(c, noise=float(np.median(found))) if found and c.noise is None else c
 
     return tuple(
-        run
-        if has_noise_floor(run) or run.repeats
-        else replace(run, compared=tuple(map(of_longer, run.compared)))
+        run if has_noise_floor(run) or run.repeats else replace(run, compared=tuple(map(of_longer, run.compared)))
         for run in runs
     )
 

@@ -17,43 +17,43 @@ TICK_S = 0.01
 
 
 def _numbers(**numbers: float) -> Action:
-    return Action(servo=lambda arm, place: arm.with_numbers(place, **numbers))
+    return Action(machine=lambda arm, place: arm.with_numbers(place, **numbers))
 
 
 def _way(**numbers: float) -> Action:
-    return Action(servo=lambda arm, place: arm.with_way(place, **numbers))
+    return Action(machine=lambda arm, place: arm.with_way(place, **numbers))
 
 
 def _scaled(**factors: float) -> Action:
     """Return factors on numbers of a drive."""
 
-    def servo(arm: ServoArm, place: str) -> ServoArm:
+    def machine(arm: ServoArm, place: str) -> ServoArm:
         j = arm.joint(place)
         return arm.with_numbers(place, **{name: by * arm.machine.number(name)[j] for name, by in factors.items()})
 
-    return Action(servo=servo)
+    return Action(machine=machine)
 
 
 def _added(**more: float) -> Action:
     """Return terms added to numbers of a drive."""
 
-    def servo(arm: ServoArm, place: str) -> ServoArm:
+    def machine(arm: ServoArm, place: str) -> ServoArm:
         j = arm.joint(place)
         return arm.with_numbers(place, **{name: x + arm.machine.number(name)[j] for name, x in more.items()})
 
-    return Action(servo=servo)
+    return Action(machine=machine)
 
 
 def _everywhere(each: list[dict[str, float]]) -> Action:
     """Return numbers of every drive."""
 
-    def servo(arm: ServoArm, place: str) -> ServoArm:
-        machine = arm.machine
+    def machine(arm: ServoArm, place: str) -> ServoArm:
+        drives = arm.machine
         for j, numbers in enumerate(each):
-            machine = machine.with_numbers(j, **numbers)
-        return replace(arm, machine=machine)
+            drives = drives.with_numbers(j, **numbers)
+        return replace(arm, machine=drives)
 
-    return Action(servo=servo)
+    return Action(machine=machine)
 
 
 def _rated(s: float, p: Shapes, at: ServoScale) -> list[float]:
@@ -107,7 +107,7 @@ def _sticking(s: float, p: Shapes, at: ServoScale) -> Made:
 
 def _payload(s: float, p: Shapes, at: ServoScale) -> Made:
     mass = s * at.payload
-    return {"mass": mass}, Action(servo=lambda arm, place: _carrying(arm, mass, np.zeros(3), 0.02))
+    return {"mass": mass}, Action(machine=lambda arm, place: _carrying(arm, mass, np.zeros(3), 0.02))
 
 
 def _carrying(arm: ServoArm, mass: float, away: Any, size: float) -> ServoArm:
@@ -205,7 +205,7 @@ def _tool(s: float, p: Shapes, at: ServoScale) -> Made:
     """Payload whose centre stands off the flange."""
     rng, mass = np.random.default_rng(int(p["draw"])), s * at.payload
     away = 0.05 * rng.uniform(-1.0, 1.0, 3)
-    return {"mass": mass}, Action(servo=lambda arm, place: _carrying(arm, mass, away, 0.04))
+    return {"mass": mass}, Action(machine=lambda arm, place: _carrying(arm, mass, away, 0.04))
 
 
 ARM_FORMS: tuple[Kind, ...] = (

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from vlab.errors import Diverged
 from vlab.proof.generator.arm_commands import WAY, received
-from vlab.proof.generator.arm_models import Arm
-from vlab.proof.generator.hidden import Hidden, Scale
+from vlab.proof.generator.arm_models import Arm, built
+from vlab.proof.generator.hidden import Hidden, Kind, Scale
 from vlab.proof.generator.servo_drive import SETTLE_S, Machine
 from vlab.signals import Array, rms
 
@@ -47,6 +48,77 @@ class ServoArm:
         joints = [link.joint for link in self.arm.links]
         return joints.index(place.partition(":")[2].removesuffix("_servo"))
 
+    def coordinate(self, place: str) -> int:
+        """Return the joint of a place, the last one for tip and chain."""
+        return self.n - 1 if place in ("chain", "site:tip") else self.joint(place)
+
+    def places(self, kind: Kind) -> list[str]:
+        """Return the possible places of a kind.
+
+        Parameters
+        ----------
+        kind : Kind
+            Kind of hidden effect.
+
+        Returns
+        -------
+        list of str
+            Names of the places.
+        """
+        return {
+            "servo": [f"actuator:{servo}" for servo in self.arm.servos],
+            "all servos": ["chain"],
+            "joint": [f"joint:{link.joint}" for link in self.arm.links],
+            "all joints": [f"joint:{self.arm.links[0].joint}"],
+            "tip": ["site:tip"],
+        }[kind.on]
+
+    def stepped(self, substeps: int) -> "ServoArm":
+        """Return the arm with another number of steps per sample."""
+        return replace(self, substeps=substeps)
+
+    def rebuilt(self, factors: Mapping[str, float]) -> "ServoArm":
+        """Return the arm with other log-factors on its parameters."""
+        return replace(self, machine=built(self.arm, factors))
+
+    def scales(self, commands: Array) -> tuple[Scale, ...]:
+        """Return the signal sizes of all joints, see `scales_of`."""
+        return scales_of(self, commands)
+
+    def scale_at(self, place: str, scales: tuple[Any, ...]) -> Scale:
+        """Return the signal sizes at a place, with those of all joints."""
+        return replace(scales[self.coordinate(place)], each=scales)
+
+    def alike(self, x: Hidden) -> dict[str, Any]:
+        """Return other names of the place of an effect, and places near it.
+
+        Parameters
+        ----------
+        x : Hidden
+            Hidden effect.
+
+        Returns
+        -------
+        dict
+            Entries of the truth: ``places_alike``, ``places_near`` and ``at_actuator``.
+        """
+        joints = [link.joint for link in self.arm.links]
+        everywhere = [f"joint:{name}" for name in joints] + [f"actuator:{name}" for name in self.arm.servos]
+        alike: list[str] = []
+        near: list[str] = []
+        if x.place == "chain" or x.kind.on == "all joints":
+            alike = everywhere
+        elif x.place == "site:tip":
+            alike = [f"site:tip{axis}" for axis in (".x", ".y", ".z")] + [f"body:{self.arm.links[-1].name}"]
+            near = [f"joint:{joints[-1]}", f"body:{self.arm.links[-2].name}"]
+        else:
+            name = x.place.partition(":")[2].removesuffix("_servo")
+            at = joints.index(name)
+            alike = [f"joint:{name}", f"actuator:{name}_servo", f"body:{self.arm.links[at].name}"]
+            beside = [j for j in (at - 1, at + 1) if 0 <= j < len(joints)]
+            near = [p for j in beside for p in (f"joint:{joints[j]}", f"actuator:{self.arm.servos[j]}")]
+        return {"places_alike": alike, "places_near": near, "at_actuator": True}
+
     def with_numbers(self, place: str, **numbers: float) -> "ServoArm":
         """Return the arm with other numbers of one drive."""
         return replace(self, machine=self.machine.with_numbers(self.joint(place), **numbers))
@@ -80,7 +152,7 @@ class ServoArm:
         """
         arm = self
         for x in hidden:
-            change = x.action.servo
+            change = x.action.machine
             assert change is not None
             arm = change(arm, x.place)
         step, before = 1.0 / (self.rate_hz * self.substeps), round(SETTLE_S * self.rate_hz)

@@ -15,7 +15,7 @@ On = Literal[
     "servo", "all servos", "joint", "all joints", "tip",
 ]  # fmt: skip
 """Places of an effect. Point or joint; elastic element; either of both; driven point; actuator; sensor; sensor with
-pick-up of a coil or another sensor. On an arm: a servo or all, a joint or all, the payload's point."""
+pick-up of a coil or another sensor. On an arm or a pendulum: a servo or all, a joint or all, the point of a payload."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,8 +91,8 @@ class Action:
         Changes samples of a sensor, (n, runs), before its noise.
     reading : callable
         Changes samples after the noise, as a converter does.
-    servo : callable
-        Maps an arm on servos and the place to the changed arm.
+    machine : callable
+        Maps an arm or a pendulum with its log, and the place, to the changed one.
     """
 
     bench: Callable[[Bench, str], Bench] | None = None
@@ -101,7 +101,7 @@ class Action:
     force: Callable[[Array, Signals], Array] | None = None
     sensor: Callable[[Array, Signals], Array] | None = None
     reading: Callable[[Array, Signals], Array] | None = None
-    servo: Callable[[Any, str], Any] | None = None
+    machine: Callable[[Any, str], Any] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

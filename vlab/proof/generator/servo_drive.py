@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vlab.proof.generator.compilation import compiled
+from vlab.proof.generator.impulses import inverse, rub, within
 from vlab.proof.generator.rigid_body import Chain, masses, moments, place
 from vlab.signals import Array
 
@@ -68,8 +69,6 @@ _AT = {name: i for i, name in enumerate(NUMBERS)}
  _WARMING, _CABLE, _YIELD, _COUPLED) = range(len(NUMBERS))  # fmt: skip
 SETTLE_S = 1.5
 """SETTLE_S [s]: time at the first command before the recording begins."""
-SWEEPS, CLOSED = 200, 1e-14
-"""SWEEPS, CLOSED [-]: most sweeps for the impulses of friction, and relative change that ends them."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -178,14 +177,9 @@ def ideal(chain: Chain, **numbers: Array) -> Machine:
 
 
 @compiled
-def _within(x: float, low: float, high: float) -> float:
-    return min(max(x, low), high)
-
-
-@compiled
 def _error(e: float, d: Array) -> float:
     """Return the position error that a controller acts on."""
-    e = e - _within(e, -d[_DEAD], d[_DEAD])
+    e = e - within(e, -d[_DEAD], d[_DEAD])
     return e - d[_SOFT] * np.tanh(e / d[_SOFT]) if d[_SOFT] > 0.0 else e
 
 
@@ -196,7 +190,7 @@ def _drive(u: float, x: float, rate: float, total: float, load: float, t: float,
     `total` is the integral of its error, `load` its last moment.
     """
     gain = d[_KP] / (1.0 + d[_SAG] * abs(load))
-    f = _within(gain * _error(u - x, d) + d[_KI] * total - d[_KV] * rate, d[_LOW], d[_HIGH])
+    f = within(gain * _error(u - x, d) + d[_KI] * total - d[_KV] * rate, d[_LOW], d[_HIGH])
     if d[_TANH] < np.inf:
         f = d[_TANH] * np.tanh(f / d[_TANH])
     return d[_TORQUE] * f * (1.0 + d[_RIPPLE] * np.sin(d[_RIPPLING] * t + d[_RIPPLED]))
@@ -205,56 +199,11 @@ def _drive(u: float, x: float, rate: float, total: float, load: float, t: float,
 @compiled
 def _passed(s: float, rate: float, d: Array) -> tuple[float, float]:
     """Return the moment of a train at a deflection, and its slope by the rate."""
-    beyond = s - _within(s, -d[_GAP], d[_GAP])
+    beyond = s - within(s, -d[_GAP], d[_GAP])
     T = d[_TK] * beyond + d[_TC] * rate
     if d[_GAP] > 0.0 and T * beyond <= 0.0:  # within the play; and a tooth does not pull
         return 0.0, 0.0
     return T, d[_TC]
-
-
-@compiled
-def _inverse(A: Array, n: int, out: Array) -> None:
-    """Write the inverse of a positive definite matrix, by Cholesky's factor; A is overwritten."""
-    for j in range(n):
-        for i in range(j, n):
-            total = A[i, j]
-            for k in range(j):
-                total -= A[i, k] * A[j, k]
-            A[i, j] = np.sqrt(total) if i == j else total / A[j, j]
-    for c in range(n):
-        for i in range(n):
-            total = 1.0 if i == c else 0.0
-            for k in range(i):
-                total -= A[i, k] * out[k, c]
-            out[i, c] = total / A[i, i]
-        for i in range(n - 1, -1, -1):
-            total = out[i, c]
-            for k in range(i + 1, n):
-                total -= A[k, i] * out[k, c]
-            out[i, c] = total / A[i, i]
-
-
-@compiled
-def _rub(v: Array, most: Array, less: Array, W: Array, impulse: Array, n: int) -> None:
-    """Add the impulses of dry friction to the rates, by projected sweeps."""
-    for i in range(n):
-        impulse[i] = _within(impulse[i], -most[i], less[i])
-        if impulse[i] != 0.0:
-            for k in range(len(v)):
-                v[k] += W[k, i] * impulse[i]
-    for _ in range(SWEEPS):
-        worst = 0.0
-        for i in range(n):
-            if most[i] > 0.0 or less[i] > 0.0:
-                new = _within(impulse[i] - v[i] / W[i, i], -most[i], less[i])
-                change = new - impulse[i]
-                if change != 0.0:
-                    worst = max(worst, abs(change) / max(most[i], less[i]))
-                    impulse[i] = new
-                    for k in range(len(v)):
-                        v[k] += W[k, i] * change
-        if worst <= CLOSED:
-            return
 
 
 @compiled
@@ -314,13 +263,13 @@ def _march(
             _oppose(i, rate[i], h, drives[:, i], hidden, load, most, less)
             if drives[_COUPLED, i] != 0.0:
                 r[i] += drives[_COUPLED, i] * load[(i + 1) % n if i + 1 < n else i - 1]
-        _inverse(A, size, W)
+        inverse(A, size, W)
         for i in range(size):
             total = 0.0
             for k in range(size):
                 total += W[i, k] * r[k]
             last[i] = v[i] + h * total  # the rates at the end, for now
-        _rub(last, most, less, W, impulse, n)
+        rub(last, most, less, W, impulse, n)
         for i in range(size):
             end = last[i]
             x[i] += 0.5 * h * (v[i] + end)
@@ -359,9 +308,9 @@ def _coarse(
             d = drives[:, i]
             f = d[_KP] * (commands[step, i] - q[i]) - d[_KV] * v[i]
             is_free = d[_LOW] < f < d[_HIGH]
-            r[i] = _within(f, d[_LOW], d[_HIGH]) - d[_DAMP] * v[i] - b[i]
+            r[i] = within(f, d[_LOW], d[_HIGH]) - d[_DAMP] * v[i] - b[i]
             A[i, i] += d[_ARM] + h * d[_DAMP] + h * d[_KV] * (is_servo_implicit and is_free)
-        _inverse(A, n, W)
+        inverse(A, n, W)
         v = v + h * (W @ r)
         q = q + h * v
 

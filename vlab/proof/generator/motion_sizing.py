@@ -1,4 +1,4 @@
-"""Size of a hidden effect on an arm: its residual after calibration, over the noise."""
+"""Size of a hidden effect on a mechanism: its residual after calibration, over the noise."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -10,14 +10,16 @@ from vlab.signals import Array, rms
 
 STEP = 1e-2
 """STEP [-]: difference of log-factors in the derivatives, over their standard deviation if that is smaller."""
+FINE_STEP = 1e-3
+"""FINE_STEP [-]: the same, over the standard deviation, for derivatives that each step takes anew."""
 CYCLES, SHARES, ENOUGH = 6, (1.0, 0.4, 0.15, 0.05), 0.98
-"""CYCLES, SHARES, ENOUGH [-]: Gauss-Newton steps with the derivatives of the arm as built, tried step lengths, and cost
+"""CYCLES, SHARES, ENOUGH [-]: Gauss-Newton steps with the derivatives of the mechanism as built, tried step lengths, and cost
 ratio of a step that is worth another one."""
 MOST = 3.0
 """MOST [-]: largest change of a benign parameter in standard deviations."""
 
 
-class ArmRefit:
+class MotionRefit:
     """Calibration of the benign parameters to a changed response.
 
     Parameters
@@ -25,11 +27,13 @@ class ArmRefit:
     run : callable
         Maps log-factors to the readings of the fit recordings, (n_samples, channels, runs).
     factors : mapping
-        Log-factors of the arm as built.
+        Log-factors of the mechanism as built; missing ones are zero.
     benign : sequence of Benign
         Parameters with the standard deviations that the case states.
     sigma : (channels,) array
         Standard deviation of the noise.
+    is_relinearised : bool
+        Whether each step takes its own derivatives, for motions whose period depends on unknown amplitudes.
     """
 
     def __init__(
@@ -38,20 +42,27 @@ class ArmRefit:
         factors: Mapping[str, float],
         benign: Sequence[Benign],
         sigma: Array,
+        *,
+        is_relinearised: bool = False,
     ) -> None:
-        self._run, self._factors = run, dict(factors)
-        self._names = [b.name for b in benign]
+        self._run, self._names = run, [b.name for b in benign]
+        self._factors = {**dict.fromkeys(self._names, 0.0), **factors}
         self._sd = np.array([b.prior for b in benign])
         self._weight = 1.0 / sigma[None, :, None]
-        self.null = run(factors)
-        """Readings of the arm as built."""
+        self._is_relinearised = is_relinearised
+        self.null = run(self._factors)
+        """Readings of the mechanism as built."""
+        self._J, self._inverse = self._linearised(self._factors, self.null)
+
+    def _linearised(self, factors: Mapping[str, float], y: Array) -> tuple[Array, Array]:
+        """Return derivatives of the readings over the noise, and the inverse of the normal matrix."""
         columns = []
         for name, sd in zip(self._names, self._sd, strict=True):
-            by = min(STEP, sd)
-            moved = run({**self._factors, name: self._factors[name] + by})
-            columns.append(((moved - self.null) * self._weight).ravel() * (sd / by))
-        self._J = np.stack(columns, axis=1)
-        self._inverse = np.linalg.inv(self._J.T @ self._J + np.eye(len(columns)))
+            by = FINE_STEP * sd if self._is_relinearised else min(STEP, sd)
+            moved = self._run({**factors, name: factors[name] + by})
+            columns.append(((moved - y) * self._weight).ravel() * (sd / by))
+        J = np.stack(columns, axis=1)
+        return J, np.linalg.inv(J.T @ J + np.eye(len(columns)))
 
     def size(self, y: Array) -> Size:
         """Measure the size of a change.
@@ -75,15 +86,15 @@ class ArmRefit:
         theta = np.zeros(len(self._sd))
         rest = ((y - self.null) * self._weight).ravel()
         cost = float(rest @ rest)
-        for _ in range(CYCLES):
-            direction = self._inverse @ (self._J.T @ rest - theta)
+        J, inverse = self._J, self._inverse
+        for cycle in range(CYCLES):
+            if cycle and self._is_relinearised:
+                J, inverse = self._linearised(self._moved(theta), y - (rest.reshape(y.shape) / self._weight))
+            direction = inverse @ (J.T @ rest - theta)
             before = cost
             for share in SHARES:
                 tried = np.clip(theta + share * direction, -MOST, MOST)
-                factors = {
-                    name: self._factors[name] + t * sd for name, t, sd in zip(self._names, tried, self._sd, strict=True)
-                }
-                left = ((y - self._run({**self._factors, **factors})) * self._weight).ravel()
+                left = ((y - self._run(self._moved(tried))) * self._weight).ravel()
                 new = float(left @ left + tried @ tried)
                 if new < cost:
                     theta, rest, cost = tried, left, new
@@ -91,6 +102,11 @@ class ArmRefit:
             if cost > ENOUGH * before:
                 break
         return float(np.sqrt(np.mean(rest**2)))
+
+    def _moved(self, theta: Array) -> dict[str, float]:
+        """Return the log-factors at deviations in standard deviations."""
+        moved = {n: self._factors[n] + t * sd for n, t, sd in zip(self._names, theta, self._sd, strict=True)}
+        return {**self._factors, **moved}
 
     def quick(self, y: Array) -> float:
         """Return the residual over the noise after one linear step.
