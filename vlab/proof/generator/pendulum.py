@@ -92,8 +92,8 @@ def conceal_pendulum(bench: str, wanted: Wanted, rng: np.random.Generator) -> Co
 
 
 def _draw(bench: str, rng: np.random.Generator) -> Drawn:
-    every: Mapping[Pendulum, float] = CARTS if bench == "cart" else SWINGS
-    pendulum: Pendulum = picked(rng, every)
+    machines: Mapping[Pendulum, float] = CARTS if bench == "cart" else SWINGS
+    pendulum: Pendulum = picked(rng, machines)
     every = stated(STATED, rng)
     benign = benign_of(every, pendulum)
     sd = {kind: value for kind, value in every.items() if any(b.kind == kind for b in benign)}
