@@ -400,7 +400,7 @@ def _modal_difference(modes: ModelModes, data: Modes, rows: Array, pairs: Array)
         np.where(found, np.log(np.where(known, data.zeta, 1.0) / zeta) / data.zeta_sd, FREQUENCY_RESIDUAL.far)[known]
     )
     if len(rows):
-        own = rows @ modes.shapes[:, at]
+        own = rows @ modes.shapes[:, at] if has else np.zeros((len(rows), data.n))  # no mode oscillates
         parts.append(
             np.where(
                 found[:, None], _apart(data.shapes, own.T) / data.shape_sd[:, None], FREQUENCY_RESIDUAL.far
