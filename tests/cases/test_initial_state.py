@@ -2,6 +2,7 @@
 
 import mujoco
 import numpy as np
+import pytest
 
 from vlab.cases import load_case
 from vlab.cases.initial_state import find_initial_state
@@ -100,3 +101,29 @@ def test_measured_joints_start_where_they_were_measured(tmp_path):
     found = find_initial_state(case.plant, run)
     np.testing.assert_allclose(found.qpos, begun, atol=2e-3)
     assert found.nrmse < 2e-3
+
+
+def test_a_decay_with_uneven_stamps_starts_where_it_does(tmp_path):
+    """Accelerations of an oscillator in closed form, without noise; the stamps scatter by 15 ms about 20 Hz."""
+    stiffness, damping, start, rate = 361.0, 0.7, 0.002, 0.03
+    omega = np.sqrt(stiffness - damping**2 / 4)
+    time = np.round(np.arange(66) * 0.05 + np.random.default_rng(0).uniform(-0.015, 0.015, 66), 3)
+    time -= time[0]
+    sine = (rate + 0.5 * damping * start) / omega
+    decay = np.exp((-0.5 * damping + 1j * omega) * time) * (start - 1j * sine)
+    velocity = ((-0.5 * damping + 1j * omega) * decay).real
+    acceleration = -stiffness * decay.real - damping * velocity
+    (tmp_path / "tower.xml").write_text(
+        '<mujoco><option timestep="0.0005" gravity="0 0 0" integrator="RK4"/><worldbody><body>'
+        f'<joint name="sway" type="slide" axis="1 0 0" stiffness="{stiffness}" damping="{damping}"/>'
+        '<geom size="0.05" mass="1"/><site name="imu"/></body></worldbody>'
+        '<sensor><accelerometer name="acc" site="imu"/></sensor></mujoco>'
+    )
+    np.savetxt(tmp_path / "run.csv", np.column_stack([time, acceleration]), delimiter=",", header="t,a", comments="")
+    text = 'title = "Tower"\n[model]\nmjcf = "tower.xml"\n[[recording]]\nfile = "run.csv"\nrole = "fit"\ntime = "t"\n'
+    (tmp_path / "case.toml").write_text(text + channel("a", "acc.x", "acceleration", "m/s^2", is_input=False))
+    case = load_case(tmp_path)
+    (run,) = read_runs(case, ("fit",)).runs
+    found = find_initial_state(case.plant, run)
+    assert found.qpos[0] == pytest.approx(start, rel=1e-3)
+    assert found.qvel[0] == pytest.approx(rate, rel=1e-3)

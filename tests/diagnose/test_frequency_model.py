@@ -13,8 +13,9 @@ from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.frequency import answer
 from vlab.diagnose.predictors.frequency_modes import ModelModes, model_modes, state_matrix
 from vlab.diagnose.predictors.frequency_problem import prepare_frequency
-from vlab.diagnose.predictors.frequency_residual import tracked
+from vlab.diagnose.predictors.frequency_residual import _modal_difference, tracked
 from vlab.diagnose.search.frequency_screening import ScoreTest
+from vlab.diagnose.settings import FREQUENCY_RESIDUAL
 from vlab.diagnose.validation.frequency import check_frequency, extended_by
 from vlab.errors import BadCase
 from vlab.physics.attach import Attached, attach
@@ -105,10 +106,22 @@ def test_modes_keep_their_order_and_none_is_passed_over_for_nothing():
         freq_sd=sd, zeta_sd=sd, shape_sd=sd,
     )  # fmt: skip
     assert list(tracked(modes, table, np.zeros((0, 4)))) == [0, 1, 2]
-    from dataclasses import replace
-
     far = replace(table, freq=np.array([1.0, 3.0, 4.0]))
     assert list(tracked(modes, far, np.zeros((0, 4)))) == [0, 2, 3]
+
+
+def test_a_model_without_oscillating_modes_is_far_from_every_measured_mode():
+    none = np.zeros((0, 0))
+    modes = ModelModes(
+        s=np.zeros(0), left=none, right=np.zeros((1, 0)), poles=none, index=np.arange(0), m=1, part=np.zeros(0)
+    )
+    sd = np.full(2, 0.01)
+    table = Modes(
+        name="m", role="fit", freq=np.array([1.0, 2.0]), zeta=np.full(2, np.nan), at=("hinge",), shapes=np.ones((2, 1)),
+        freq_sd=sd, zeta_sd=sd, shape_sd=sd,
+    )  # fmt: skip
+    rows, pairs = np.ones((1, 1)), np.full(2, -1)
+    assert np.all(_modal_difference(modes, table, rows, pairs) == FREQUENCY_RESIDUAL.far)
 
 
 # ---- what was measured ----------------------------------------------------------------------------------------------

@@ -5,9 +5,11 @@ import pytest
 from test_reduced_model_inputs import MOTOR, RIG
 
 from vlab.cases import load_case
+from vlab.diagnose.data.noise import estimate_noise
 from vlab.diagnose.data.runs import liveliest
 from vlab.diagnose.parameters.holdout import read_holdout
 from vlab.diagnose.parameters.mjcf import uncertain_parameters
+from vlab.diagnose.parameters.recorded_runs import read_runs
 from vlab.diagnose.parameters.static_offset import remove_static_offsets
 from vlab.diagnose.parameters.unused_entries import unused
 from vlab.diagnose.predictors.modal_problem import prepare
@@ -131,6 +133,22 @@ def test_a_record_that_is_too_short_is_refused(tmp_path):
     case = write(tmp_path, [("fit", ALL, tuple(x[:40] for x in (SWEEP, SWEEP, SWEEP)))])
     with pytest.raises(BadCase, match="run0 has 40 samples; at least 64"):
         choose_model_class(case)
+
+
+def test_a_short_record_beside_a_longer_one_takes_its_noise(tmp_path):
+    rng = np.random.default_rng(0)
+    u, x, v = (c + 0.01 * np.std(c) * rng.standard_normal(c.size) for c in (SWEEP, SWEEP, SWEEP))
+    short = tuple(c[500:540] for c in (u, x, v))
+    case = write(
+        tmp_path, [("fit", ALL, (u, x, v)), ("fit", ALL, short), ("holdout", ALL, tuple(c[700:740] for c in (u, x, v)))]
+    )
+    longer, brief = read_runs(case, ("fit",)).runs
+    (held,) = read_holdout(case, ("x", "v"), (longer, brief)).runs
+    for run in (brief, held):
+        for name in ("x", "v"):
+            assert estimate_noise(run, name).sigma == estimate_noise(longer, name).sigma
+    few = write(tmp_path, [("fit", ALL, (u, x, v)), ("fit", ALL, tuple(c[:15] for c in short))])
+    assert [run.name for run in read_runs(few, ("fit",)).runs] == ["run0"]
 
 
 @pytest.mark.parametrize(

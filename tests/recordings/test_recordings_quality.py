@@ -1,5 +1,7 @@
 """Findings: each fault that is put into a sound recording is found, and a sound one has none."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -49,6 +51,16 @@ def test_a_smooth_top_flattened_by_quantisation_is_not_clipping():
 def test_rest_at_the_extreme_is_not_clipping():
     decay = np.where(TIME < 2.5, 0.0, np.abs(signal()))
     assert "clipping" not in [found.kind for found in findings(run(decay))]
+
+
+def test_a_joint_that_sticks_at_every_turn_is_not_clipped():
+    """Turns of several heights; dry friction holds the joint after every turn, also at the largest one."""
+    rise = np.sin(np.linspace(-1.2, 1.2, 40)) / np.sin(1.2)
+    levels = np.resize([0.8, -0.6, 1.0, -1.0, 0.6, -0.8], 41)
+    legs = [np.append(a + (b - a) * (rise + 1) / 2, np.full(10, b)) for a, b in pairwise(levels)]
+    stuck = np.rint(np.concatenate(legs) * 1e4) / 1e4
+    time = np.arange(stuck.size) / 50.0
+    assert "clipping" not in [found.kind for found in findings(run(stuck, time=time))]
 
 
 def test_constant_channels():

@@ -22,7 +22,7 @@ import mujoco
 import numpy as np
 
 from vlab.cases.channel_map import Compared, Drive, Law, Run, compared_with_sensors
-from vlab.cases.clock import Clock, plan_clock
+from vlab.cases.clock import plan_clock
 from vlab.cases.linear_start import StartProblem, estimate_linear_start
 from vlab.cases.refined_start import refine, window_residual
 from vlab.cases.replay_bench import Bench, State, at_timestep, bench_for
@@ -149,7 +149,7 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
             ) from error
     samples = _window(run, np.zeros(0) if linear is None else linear.freq)
     window = replace(_open_loop(run, law, samples, bench), compared=compared)
-    clock = _clock(plant.timestep, window)
+    clock = plan_clock(plant.timestep, window)
     problem = StartProblem(
         bench=bench_for(at_timestep(plant, clock.timestep), window),
         clock=clock,
@@ -276,19 +276,6 @@ def _lost(problem: StartProblem, x: Array, offset: Array) -> float:
     return float(left @ left)
 
 
-def _clock(timestep: float, run: Run) -> Clock:
-    """Return the clock of a window.
-
-    For uneven samples the clock runs at the mean rate and splines interpolate.
-    """
-    clock = plan_clock(timestep, run)
-    if run.measured.is_uniform or run.law is not None:
-        return clock
-    time = run.measured.time
-    steps = max(1, int((time[-1] - time[0]) / (len(time) - 1) / clock.timestep))
-    return replace(clock, steps=steps, law_every=1, readings=max(2, -(-(clock.readings - 1) // steps) + 1))
-
-
 def _servoed(plant: Plant, run: Run) -> dict[int, tuple[str, float]]:
     """Return servo-driven, unmeasured degrees of freedom.
 
@@ -317,7 +304,7 @@ def _stage(problem: StartProblem, share: float) -> StartProblem:
     count = min(max(round(share * len(whole)), LEAST_STAGE), len(whole))
     part = whole.rows(slice(count))
     run = replace(problem.run, measured=part)
-    clock = _clock(problem.clock.timestep, run)
+    clock = plan_clock(problem.clock.timestep, run)
     bench = bench_for(at_timestep(problem.bench.plant, clock.timestep), run)
     nv = bench.model.nv
     size = max(float(np.abs(problem.measured[:count]).max()), 1e-9)

@@ -141,7 +141,7 @@ def flat_tops(values: Array) -> dict[str, NDArray[np.bool_]]:
     A signal enters and leaves a clipped top at speed. A quantised smooth top x = -c k^2/2 that is flat for n >= 3
     samples satisfies c (n/2)^2/2 <= step/2. Its slope at the ends, c n/2, is at most 2 step/n, about one step a sample.
     Three steps a sample therefore indicate clipping. A signal at its extreme value for more than half of the time is at
-    rest.
+    rest. A motion that also turns back after standing still elsewhere sticks, as a joint with dry friction does.
 
     Parameters
     ----------
@@ -155,12 +155,26 @@ def flat_tops(values: Array) -> dict[str, NDArray[np.bool_]]:
     """
     out: dict[str, NDArray[np.bool_]] = {}
     step = _step(values)
+    if _sticks(values, step):
+        return out
     for side, extreme in (("lower", values.min()), ("upper", values.max())):
         at_extreme = values == extreme
         lengths, speeds = _flats(values, at_extreme)
         if np.any((lengths >= CLIPPED_RUN) & (speeds > 3 * step)) and at_extreme.mean() <= 0.5:
             out[side] = at_extreme
     return out
+
+
+def _sticks(values: Array, step: float) -> bool:
+    """Return whether a motion turns back after standing still short of its extremes."""
+    first, last = runs(np.diff(values) == 0)
+    last = last + 1
+    inside = (first >= 2) & (last + 1 < values.size) & (last - first >= CLIPPED_RUN)
+    first, last = first[inside], last[inside]
+    before, after = values[first - 1] - values[first - 2], values[last + 1] - values[last]
+    is_fast = np.minimum(np.abs(before), np.abs(after)) > 3 * step
+    is_short = (values[first] > values.min()) & (values[first] < values.max())
+    return bool(np.any(is_fast & is_short & (before * after < 0)))
 
 
 def cut_off(values: Array, at_limit: NDArray[np.bool_]) -> float:
