@@ -74,6 +74,7 @@ def test_one_finding_meets_one_effect_and_the_best_fit_goes_first():
     found = judge_real(key(either, FRICTION), answer(COULOMB, DRAGGED))
     assert found["met"] == "met"
     assert [found[part] for part in ("effect", "family", "place")] == [True, True, True]
+    assert found["probability"] == 0.9
     wrong_place = judge_real(key(FRICTION), answer(ELSEWHERE))
     assert [wrong_place[part] for part in ("effect", "family", "place")] == [True, True, False]
 

@@ -30,11 +30,12 @@ def judge_real(known: KnownCase | None, answer: Mapping[str, Any]) -> dict[str, 
     Returns
     -------
     dict
-        ``met``, whether ``effect``, ``family`` and ``place`` are right (None where unknown), and the ``further``
-        findings that meet nothing.
+        ``met``; whether ``effect``, ``family`` and ``place`` are right, None where unknown. ``further`` lists findings
+        that meet nothing. ``probability`` is the least one of the other findings.
     """
     findings = list(answer.get("findings", []))
-    out: dict[str, Any] = {"effect": None, "family": None, "place": None, "further": [f["effect"] for f in findings]}
+    out: dict[str, Any] = dict.fromkeys(("effect", "family", "place", "probability"))
+    out["further"] = [f["effect"] for f in findings]
     if "error" in answer:
         return {**out, "met": "failed"}
     if known is None or not known.is_documented:
@@ -44,6 +45,8 @@ def judge_real(known: KnownCase | None, answer: Mapping[str, Any]) -> dict[str, 
     pairs = _pairs(known.effect, findings)
     matched = [found for _, found in pairs if found is not None]
     out["further"] = [f["effect"] for f in findings if not any(f is one for one in matched)]
+    stated = [f["probability"] for f in matched if f.get("probability") is not None]
+    out["probability"] = min(stated) if stated else None
     if not pairs:  # only an abstention is right
         return {**out, "met": "missed"}
     names = [found is not None and _is_named(effect, found) for effect, found in pairs]

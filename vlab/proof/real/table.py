@@ -9,6 +9,8 @@ from vlab.proof.real.known import KnownCase
 ERRORS = ("nominal", "calibrated", "extended", "linear", "nonlinear")
 """ERRORS: models whose hold-out errors are printed: three of physics, two black boxes."""
 SHOWN_NAME = {"linear": "linear black box", "nonlinear": "nonlinear black box"}
+IMPROBABLE = 0.5
+"""IMPROBABLE [-]: probability below which a right finding is marked."""
 MOST_PRINTED = 10.0
 """MOST_PRINTED [-]: relative error above which no digits are printed."""
 
@@ -99,8 +101,11 @@ def count_sentence(rows: Sequence[Mapping[str, Any]]) -> str:
     """
     keyed = [row for row in rows if row["met"] not in ("no key", "undocumented")]
     words = [f"{n} {word}" for word, n in counts(keyed).items()]
-    partial = sum(row["met"] == "met" and row["verdict"] == "partly-explained" for row in keyed)
-    note = f"; {partial} of those met are partial explanations" if partial else ""
+    met = [row for row in keyed if row["met"] == "met"]
+    partial, improbable = sum(row["verdict"] == "partly-explained" for row in met), sum(map(is_improbable, met))
+    note = (
+        f"; of those met, {partial} are partial explanations, {improbable} improbable" if partial or improbable else ""
+    )
     return f"{len(keyed)} of {len(rows)} cases have a documented key: {', '.join(words) or 'none'}{note}"
 
 
@@ -139,7 +144,12 @@ def finding_words(row: Mapping[str, Any]) -> str:
 def key_words(row: Mapping[str, Any]) -> str:
     """Return the result of the comparison with the key, with findings beyond the key."""
     further = row["further"] if row["met"] in ("met", "in part", "family") else []
-    return row["met"] + "".join(f" + {name}" for name in further)
+    return row["met"] + (" (improbable)" if is_improbable(row) else "") + "".join(f" + {name}" for name in further)
+
+
+def is_improbable(row: Mapping[str, Any]) -> bool:
+    """Return whether a right finding has a probability below one half."""
+    return row["probability"] is not None and row["probability"] < IMPROBABLE
 
 
 def box_words(row: Mapping[str, Any], kind: str) -> str:
