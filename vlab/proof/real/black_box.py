@@ -332,7 +332,7 @@ def _window(model: Model, own: Samples, most: int) -> int:
     turns = np.abs(np.angle(values[np.imag(values) > 0])) / (2.0 * np.pi)  # cycles per sample
     slow = turns[turns * len(own.y) > 0.5]
     count = int(PERIODS / slow.min()) if slow.size else 0
-    return min(max(count, LEAST_SAMPLES), most)
+    return min(max(count, LEAST_SAMPLES), most, max(len(own.y) // 2, 2))  # half of a short part stays unseen
 
 
 def _result(data: Prepared, model: Model, parts: Mapping[str, int], skip: int) -> dict[str, Any]:
