@@ -1,7 +1,7 @@
 """Black-box models of a case, as upper references beside the models of physics.
 
-A linear and a small nonlinear state-space model learn from the fitted recordings alone. The last third of every fitted
-recording chooses their sizes. Both then run freely over the hold-out recordings from an initial state that is estimated in
+A linear and a small nonlinear state-space model learn from the fitted recordings alone. Candidates learn the first two
+thirds of every fitted recording, and the free run over the whole chooses their sizes. Both then run freely over the hold-out recordings from an initial state that is estimated in
 the window of `vlab.cases.initial_state`. No black box knows the structure, and no effect comes out of it.
 """
 
@@ -32,7 +32,7 @@ PER_PERIOD = 20.0
 LEAST_KEPT = 400
 """LEAST_KEPT [samples]: thinning leaves at least as many samples of every fitted recording."""
 LEARNT = 2.0 / 3.0
-"""LEARNT [-]: first part of every fitted recording that teaches the candidates; the rest chooses among them."""
+"""LEARNT [-]: first part of every fitted recording that teaches the candidates; the free run over the whole chooses."""
 ORDERS = (1, 2, 3, 4, 6, 8, 10, 12, 16, 20)
 """ORDERS [-]: candidate orders of the linear model."""
 ROWS, MOST_ROWS = 30, 400
@@ -245,7 +245,7 @@ def choose_linear(samples: Sequence[Samples]) -> Fitted:
     Returns
     -------
     Fitted
-        Model of the order whose free run predicts the last third best.
+        Model of the order whose free run departs least, the unseen last third included.
     """
     learnt = [own.rows(slice(_learnt(own))) for own in samples]
     seen = _observability(learnt)
@@ -253,7 +253,7 @@ def choose_linear(samples: Sequence[Samples]) -> Fitted:
     errors: list[float] = []
     for order in orders:
         found = fit_linear(seen, learnt, order, steps=TRIAL_STEPS)
-        errors.append(_unseen(found, samples))
+        errors.append(_trial_error(found, samples))
         if len(errors) > _smallest(errors) + VAIN:
             break
     return fit_linear(_observability(samples), samples, orders[_smallest(errors)], steps=LAST_STEPS)
@@ -272,7 +272,7 @@ def choose_nonlinear(samples: Sequence[Samples], linear: Fitted) -> Fitted:
     Returns
     -------
     Fitted
-        Model of the size whose free run predicts the last third best.
+        Model of the size whose free run departs least, the unseen last third included.
     """
     learnt = [own.rows(slice(_learnt(own))) for own in samples]
     seen = _observability(learnt)
@@ -280,7 +280,7 @@ def choose_nonlinear(samples: Sequence[Samples], linear: Fitted) -> Fitted:
     wanted = (2 * outputs, 4 * outputs, linear.model.order)
     orders = sorted({min(order, MOST_ORDER, seen.most) for order in wanted})
     found = [_nonlinear(seen, learnt, order, units) for order in orders for units in UNITS]
-    chosen = found[_smallest([_unseen(one, samples) for one in found])]
+    chosen = found[_smallest([_trial_error(one, samples) for one in found])]
     return fit(chosen.model, samples, chosen.starts, steps=LAST_STEPS, ridge=RIDGE)
 
 
@@ -304,11 +304,14 @@ def _observability(samples: Sequence[Samples]) -> Observability:
     return observability(samples, rows)
 
 
-def _unseen(found: Fitted, samples: Sequence[Samples]) -> float:
-    """Return the weighted rms error after the learnt part."""
+def _trial_error(found: Fitted, samples: Sequence[Samples]) -> float:
+    """Return the weighted rms error over whole recordings, learnt and unseen parts.
+
+    The unseen part of a decay may be noise alone, and the learnt part then decides.
+    """
     total = 0.0
     for own, x0 in zip(samples, found.starts, strict=True):
-        left = (own.weight * (found.model.simulated(x0, own.u) - own.y))[_learnt(own) :]
+        left = own.weight * (found.model.simulated(x0, own.u) - own.y)
         total += float(np.sum(left**2)) if np.all(np.isfinite(left)) else np.inf
     return float(np.sqrt(total))
 
