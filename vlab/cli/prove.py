@@ -9,6 +9,7 @@ from typing import Any
 
 from vlab.cli.common import Outcome, add_seed, count_bar, text_table
 from vlab.cli.conceal import add_engine
+from vlab.cli.prove_real import run_real
 from vlab.errors import BadExperiment, OutputRefused
 from vlab.files.output_folder import numbered_folder
 from vlab.proof.conceal import conceal_cases
@@ -32,7 +33,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "cases",
         nargs="?",
         help="diagnose the cases in this folder of vlab conceal, or count the campaign in this file of --pack again; "
-        "not with --quick",
+        "not with --quick or --real",
+    )
+    parser.add_argument(
+        "--real",
+        nargs="+",
+        metavar="FOLDER",
+        help="diagnose real recordings instead, in these folders, beside black-box models and what is known of them; "
+        "needs --out, which keeps finished answers (default: no)",
+    )
+    parser.add_argument(
+        "--keys", metavar="FILE.toml", help="with --real: read what is known from this file (default assets/real.toml)"
+    )
+    parser.add_argument(
+        "--time-limit",
+        type=float,
+        metavar="SECONDS",
+        help="with --real: add no effects to a case after this time (default: no limit)",
     )
     parser.add_argument(
         "--quick",
@@ -82,6 +99,11 @@ def run(arguments: argparse.Namespace) -> Outcome:
     Outcome
         Document and text of the command.
     """
+    if arguments.real:
+        return run_real(arguments)
+    stated = next((f"--{name.replace('_', '-')}" for name in ("keys", "time_limit") if getattr(arguments, name)), None)
+    if stated is not None:
+        raise BadExperiment(f"{stated} belongs to --real; concealed cases have their truth beside them")
     if bool(arguments.cases) == arguments.quick:
         raise BadExperiment("name a folder of concealed cases, or say --quick; one of the two")
     if arguments.baselines is not None and arguments.baselines < 0:

@@ -1,0 +1,1 @@
+"""Real recordings counted beside: answer keys, black-box models, table."""
