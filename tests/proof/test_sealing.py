@@ -56,7 +56,7 @@ def answered(monkeypatch):
     """Replace the diagnosis by a constant answer; count the calls."""
     calls = []
 
-    def answer(item, *, baselines=False, frees_all=()):
+    def answer(item, *, baselines=False, slow_on=(), peers=()):
         calls.append(item[0])
         return item[0], {"case": item[0], **ANSWER}
 
@@ -416,7 +416,7 @@ def test_answers_of_other_cases_are_refused(cases, answered):
 def test_a_campaign_goes_on_where_it_was_stopped(cases, monkeypatch):
     calls = []
 
-    def stops(item, *, baselines=False, frees_all=()):
+    def stops(item, *, baselines=False, slow_on=(), peers=()):
         calls.append(item[0])
         if len(calls) == 2:
             raise KeyboardInterrupt

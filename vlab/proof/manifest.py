@@ -16,7 +16,16 @@ from vlab.proof.seal import canonical, digest, files_digest
 VERSIONS = ("mujoco", "numpy", "scipy", "pyarrow")
 SCORING = ("proof/equivalence.py", "proof/judge.py", "proof/score.py", "proof/statistics.py")
 """SCORING: sources of the rules of scoring."""
-NOT_ANSWERING = ("views/", "cli/", "reproduce/", "demo", "bench", "proof/servo_scoring.py", *SCORING)
+NOT_ANSWERING = (
+    "views/",
+    "cli/",
+    "reproduce/",
+    "demo",
+    "bench",
+    "proof/servo_scoring.py",
+    "proof/peers/scoring.py",
+    *SCORING,
+)
 """NOT_ANSWERING: sources without influence on answers."""
 ASSETS = ("beam.toml", "grid.toml", "laboratory.toml")
 
