@@ -41,7 +41,7 @@ from vlab.proof.peers.result import (
     mean_error,
 )
 
-MOST_CPU_S = 600.0
+MOST_CPU_S = 400.0
 """MOST_CPU_S [s]: CPU time of a case after which no further candidate is fitted."""
 ITERATIONS = 12
 """ITERATIONS [-]: most iterations of a fit."""

@@ -7,8 +7,8 @@ case are residuals, too: number over standard deviation. The optimiser of mujoco
 the step, at most `MOST_ITERATIONS`. The first of two passes takes `FIRST_NOISE` as noise; the second takes what the first
 pass left. CPU time is capped at `MOST_CPU_S`; then the best values so far count.
 
-A fitted number is not nominal if it is `SIGNIFICANT` standard deviations from nominal: of the fit, and of its statement
-together. The covariance is that of mujoco.sysid. The named effect is that of the number whose return to nominal costs
+A fitted number is not nominal if its distance from nominal is significant beside the deviations of fit and statement
+together (`FALSE_ALARMS`). The covariance is that of mujoco.sysid. The named effect is that of the number whose return to nominal costs
 most, with all others refitted (Wald's statistic).
 
 References
@@ -22,9 +22,9 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import mujoco
 import numpy as np
 from mujoco import sysid
+from scipy import stats
 
 from vlab.cases.case import Case
 from vlab.cases.channel_map import Run
@@ -51,16 +51,18 @@ HAS_SYSID = hasattr(sysid, "optimize")
 """HAS_SYSID: whether the extra of mujoco.sysid is installed."""
 MOST_ITERATIONS = 60
 """MOST_ITERATIONS [-]: most iterations of a pass."""
-MOST_CPU_S = 600.0
+MOST_CPU_S = 400.0
 """MOST_CPU_S [s]: most CPU time of a case."""
-TOLERANCE = 1e-5
-"""TOLERANCE [-]: relative step at which the optimiser ends."""
+TOLERANCE = 2e-3
+"""TOLERANCE [-]: step at which the optimiser ends, as a logarithm or in units of an added number."""
 STEP = 1e-4
 """STEP [-]: finite difference, as a logarithm or in units of an added number; rounding of a run is far below."""
 FIRST_NOISE, LEAST_NOISE = 0.02, 1e-5
 """FIRST_NOISE, LEAST_NOISE [-]: noise of the first pass and least noise of the second, over a channel's rms."""
-SIGNIFICANT = 4.0
-"""SIGNIFICANT [-]: standard deviations from nominal."""
+OFF_BOUNDS = 2e-3
+"""OFF_BOUNDS [-]: least distance of a start from its bounds, over their distance; mujoco.sysid warns below half of it."""
+FALSE_ALARMS = 0.05
+"""FALSE_ALARMS [-]: probability that any nominal number seems not nominal, shared by all numbers (Bonferroni)."""
 NAMES = (
     "added-mass", "rotary-inertia", "coulomb-friction", "viscous-damping", "stiffness-to-ground", "lost-stiffness",
     "actuator-gain", "servo-position-gain", "servo-velocity-gain", "servo-force-limit", "actuator-offset",
@@ -107,7 +109,7 @@ def fit_all_numbers(case: Case, *, kinds: Collection[str] = ()) -> PeerResult:
     values = np.array([number.start for number in freed])
     cut = ""
     for _ in range(2):
-        values, cut = _optimised(residual, values)
+        values, cut = _optimised(residual, _off_bounds(freed, values))
         if cut:
             break
         sigma = residual.noise_at(values, scale)
@@ -163,7 +165,7 @@ class _Model:
 class _Residual:
     """Residual of free runs and stated deviations, of unit variance.
 
-    `best` holds the least sum of squares and its values; `cache` the last simulations by the numbers of the model.
+    `best` holds the least sum of squares and its values; `cache` the last simulation by the numbers of the model.
     """
 
     model: _Model
@@ -196,8 +198,7 @@ class _Residual:
         key = values[own].tobytes()
         if key not in self.cache:
             plant = self.model.plant_at(values)
-            if len(self.cache) > 1:
-                self.cache.pop(next(reversed(self.cache)))  # the first one stays: that of the derivatives
+            self.cache.clear()
             self.cache[key] = [
                 _simulated(plant, self.model.commanded(run, values), start)
                 for run, start in zip(self.runs, self.starts, strict=True)
@@ -247,10 +248,17 @@ def _optimised(residual: _Residual, start: Array) -> tuple[Array, str]:
                 parameters, function, max_iters=MOST_ITERATIONS, verbose=False, xtol=TOLERANCE, eps=STEP,
                 iter_callback=log.append,
             )  # fmt: skip
-    except (_TimeIsUp, mujoco.FatalError):
+    except _TimeIsUp:
         return residual.best[0][1], f"stopped after {MOST_CPU_S:g} s of CPU time"
     count = len(log)
     return np.asarray(found.x).ravel(), f"stopped after {count} iterations" if count >= MOST_ITERATIONS else ""
+
+
+def _off_bounds(freed: Sequence[Freed], values: Array) -> Array:
+    """Return values at some distance from their bounds, where the optimiser does not stall."""
+    low, high = (np.array([getattr(number, end) for number in freed]) for end in ("low", "high"))
+    margin = OFF_BOUNDS * (high - low)
+    return np.clip(values, low + margin, high - margin)
 
 
 def _covariance(residual: _Residual, values: Array) -> Array:
@@ -269,11 +277,12 @@ def _covariance(residual: _Residual, values: Array) -> Array:
 def _named(freed: Sequence[Freed], values: Array, covariance: Array) -> Named | None:
     """Return the effect of the number whose return to nominal costs most."""
     found: list[Named] = []
+    least = float(stats.norm.isf(0.5 * FALSE_ALARMS / len(freed)))
     for number, value, variance in zip(freed, values, np.diag(covariance), strict=True):
         effect = number.raised if value > 0 else number.lowered
         stated = number.sd if np.isfinite(number.sd) else 0.0
         sd = float(np.sqrt(max(variance, 0.0)))
-        if effect and sd > 0.0 and abs(value) > SIGNIFICANT * np.hypot(sd, stated):
+        if effect and sd > 0.0 and abs(value) > least * np.hypot(sd, stated):
             found.append(Named(effect=effect, place=number.place, share=float(abs(value) / sd)))
     return max(found, key=lambda n: n.share, default=None)
 
