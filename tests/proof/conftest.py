@@ -31,7 +31,7 @@ def answered(monkeypatch):
     """Replace the diagnosis by a constant answer; count the calls."""
     calls = []
 
-    def answer(item, *, baselines=False, frees_all=()):
+    def answer(item, *, baselines=False, slow_on=(), peers=()):
         calls.append(item[0])
         return item[0], {"case": item[0], **ANSWER}
 

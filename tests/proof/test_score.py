@@ -11,7 +11,6 @@ from vlab.proof.levels import depth, level_rows, level_table
 from vlab.proof.manifest import is_set_down, manifest, scoring_digest
 from vlab.proof.score import baseline_rows, confusion, measures, score
 from vlab.proof.servo_scoring import ON_ARMS, arm_rows, is_part_right, partial_rows
-from vlab.proof.sparse_regression import sparse_terms
 from vlab.proof.stated import EDGE, THRESHOLDS, decision_rows, decision_table, log_score, stated_rows
 from vlab.proof.statistics import Rate, brier, calibration, clustered_interval, detection_limit
 from vlab.proof.targets import TARGETS, Target, targets_to_json, with_targets
@@ -355,7 +354,7 @@ def test_simple_methods_stand_beside():
     assert "0 of 1" in table[0]["note"]
 
 
-def test_sparse_regression_is_counted_apart_where_it_has_the_law():
+def test_a_peer_is_counted_apart_where_it_has_the_law():
     rows = campaign()
     named = [{"effect": "coulomb-friction", "place": "joint:drive", "share": 0.5}]
     rows[0][1]["baselines"] = {"sparse regression": {"named": named, "names": ["coulomb-friction"], "note": ""}}
@@ -516,24 +515,3 @@ def test_the_rules_that_a_manifest_binds_are_those_of_the_count():
     assert is_set_down({"scoring": scoring_digest()})  # a stored campaign is older than the other rules
     assert not is_set_down({**now, "scoring": "0"})
     assert not is_set_down({**now, "more_scoring": "0"})
-
-
-# ---- sparse regression ----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("effect", ["cubic-stiffness", "quadratic-drag", None])
-def test_sparse_regression_finds_what_clean_states_show(effect):
-    rng = np.random.default_rng(4)
-    q, v, u = rng.standard_normal((3, 4000, 2))
-    a = -5 * q - 0.5 * v + u
-    if effect == "cubic-stiffness":
-        a[:, 1] -= 0.3 * q[:, 1] ** 3
-    if effect == "quadratic-drag":
-        a[:, 0] -= 0.4 * v[:, 0] * np.abs(v[:, 0])
-    a += 1e-3 * rng.standard_normal(a.shape)
-    found = sparse_terms(q, v, a, u, {"joint:a": np.array([1.0, 0.0]), "joint:b": np.array([0.0, 1.0])})
-    if effect is None:
-        assert found is None
-    else:
-        assert found is not None
-        assert (found.effect, found.place) == (effect, "joint:b" if effect == "cubic-stiffness" else "joint:a")

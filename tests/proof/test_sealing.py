@@ -13,11 +13,14 @@ from sealed_cases import ANSWER, edit
 import vlab.proof.prove as proving
 from vlab.diagnose.diagnosis import Verdict
 from vlab.diagnose.settings import VERDICT
-from vlab.errors import BadExperiment, BadProof, OutputRefused
+from vlab.errors import BadExperiment, BadProof, OutputRefused, VlabError
 from vlab.files.locks import LOCK, sole_use
+from vlab.proof import answer as answering
 from vlab.proof import conceal as concealing
 from vlab.proof.campaign import common_instructions, run_all
 from vlab.proof.conceal import conceal_cases, regenerate_cases, unfinished_folder
+from vlab.proof.peers import registry
+from vlab.proof.peers.result import Named, PeerResult
 from vlab.proof.prove import freeze, frozen_answers, prove, read_commitments
 from vlab.proof.seal import ANSWERS, FROZEN, answers_folder, canonical, digest, opened, sealed, truth_folder
 from vlab.proof.truth import REMADE, open_truth
@@ -382,7 +385,7 @@ def test_answers_of_other_cases_are_refused(cases, answered):
 def test_a_campaign_goes_on_where_it_was_stopped(cases, monkeypatch):
     calls = []
 
-    def stops(item, *, baselines=False, frees_all=()):
+    def stops(item, *, baselines=False, slow_on=(), peers=()):
         calls.append(item[0])
         if len(calls) == 2:
             raise KeyboardInterrupt
@@ -396,6 +399,29 @@ def test_a_campaign_goes_on_where_it_was_stopped(cases, monkeypatch):
     assert not (out / FROZEN).exists()
     prove(cases, out, jobs=1)
     assert calls == ["case-001", "case-002", "case-002"]
+
+
+def test_peers_answer_although_the_diagnosis_fails(cases, monkeypatch):
+    def crashes(case):
+        raise ZeroDivisionError
+
+    named = Named(effect="stop", place="joint:drive", share=1.0)
+    peer = registry.Peer(run=lambda case: PeerResult(named=named, names=("stop",), nrmse=0.5), is_slow=True)
+    monkeypatch.setattr(answering, "diagnose", crashes)
+    monkeypatch.setattr(registry, "PEERS", {"one": peer, "two": peer})
+    found = prove(cases, answers_folder(cases), baselines=1, peers=["one"], jobs=1)
+    row = next(r for r in found["baselines"] if r["method"] == "one")
+    assert (row["usable"], row["false_alarms"]["count"], row["nrmse"]) == (
+        1,
+        1,
+        0.5,
+    )  # slow, so on the first case alone
+    assert not [r for r in found["baselines"] if r["method"] == "two"]
+    answer = json.loads((answers_folder(cases) / ANSWERS / "case-001.json").read_text())
+    assert answer["verdict"] == "crashed"
+    assert answer["baselines"]["one"]["cpu_seconds"] >= 0.0
+    with pytest.raises(VlabError, match="no-peer"):
+        prove(cases, answers_folder(cases), baselines=1, peers=["no-peer"], jobs=1)
 
 
 def test_a_campaign_does_not_go_on_with_other_code(cases, monkeypatch):

@@ -27,7 +27,7 @@ from vlab.lab.excitation import Multisine
 from vlab.lab.laws import published_law
 from vlab.plants import build_plant
 from vlab.plants.modal import build_modal
-from vlab.proof.baselines import HAS_SYSID, freed
+from vlab.proof.peers.mujoco_sysid import HAS_SYSID, fit_all_numbers
 from vlab.reproduce.study import Study
 from vlab.signals import Array
 from vlab.structure import load_structure
@@ -92,7 +92,7 @@ def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Ro
     progress("one tick of a 24-state LQG")
     rows += [tick_row(), *design_rows(progress)]
     if not HAS_SYSID:
-        progress("no refit to real recordings, for lack of its peer: pip install 'vlab-vibration[sysid]'")
+        progress("no refit to real recordings, for lack of its peer: pip install 'vlab-vibration[peers]'")
         return rows
     progress("a refit to real recordings, and a whole diagnosis, some minutes")
     return [*rows, *refit_rows()]
@@ -148,13 +148,13 @@ def refit_rows() -> list[Row]:
             "positioning system: mass, damping and gain calibrated on 25 s of recording",
             partial(_best, refit, 2),
             "mujoco.sysid, the same parameters and recording",
-            partial(freed, case, friction=False),
+            partial(fit_all_numbers, case, kinds=("mass", "damping", "gain")),
         ),
         (
             "the whole diagnosis of it: what is missing, named and verified",
             partial(_best, lambda: diagnose(case), 1),
-            "mujoco.sysid, told to free dry friction as well",
-            partial(freed, case),
+            "mujoco.sysid, all numbers of the model and of the sensors free",
+            partial(fit_all_numbers, case),
         ),
     ):
         ours_s, peer_s = ours(), _best(theirs, 1)

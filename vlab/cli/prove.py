@@ -15,7 +15,9 @@ from vlab.files.output_folder import numbered_folder
 from vlab.proof.conceal import conceal_cases
 from vlab.proof.levels import level_table
 from vlab.proof.pack import CASES, gather, is_pack, write_pack
-from vlab.proof.prove import baseline_table, prove, prove_packed, table_rows
+from vlab.proof.peers.registry import PEERS
+from vlab.proof.peers.scoring import peer_table
+from vlab.proof.prove import prove, prove_packed, table_rows
 from vlab.proof.seal import answers_folder, truth_folder
 from vlab.proof.stated import decision_table, stated_table
 
@@ -78,7 +80,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--baselines",
         type=int,
         metavar="N",
-        help="run simple methods on the same cases, and mujoco.sysid, minutes per case, on the first N (default: none)",
+        help="run other methods on the same cases, and slow ones, minutes per case, on the first N (default: none)",
+    )
+    parser.add_argument(
+        "--peers",
+        default="",
+        metavar="NAMES",
+        help=f"with --baselines: run these methods only, of {', '.join(PEERS)}; separate by commas (default: all)",
     )
     parser.add_argument(
         "--reports", type=int, default=0, help="write reports of this number of worst cases (default 0)"
@@ -107,7 +115,9 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if bool(arguments.cases) == arguments.quick:
         raise BadExperiment("name a folder of concealed cases, or say --quick; one of the two")
     if arguments.baselines is not None and arguments.baselines < 0:
-        raise BadExperiment(f"baselines is {arguments.baselines}; accepted: 0 or more cases for mujoco.sysid")
+        raise BadExperiment(f"baselines is {arguments.baselines}; accepted: 0 or more cases for slow methods")
+    if arguments.peers and arguments.baselines is None:
+        raise BadExperiment("--peers belongs to --baselines; add --baselines N")
     if arguments.first < 0:
         raise BadExperiment(f"first is {arguments.first}; accepted: 1 or more cases, 0 for all")
     if not arguments.quick and arguments.seed is not None:
@@ -169,6 +179,7 @@ def _proved(cases: Path, arguments: argparse.Namespace, quick: bool = False) -> 
             truth=truth,
             first=arguments.first,
             baselines=arguments.baselines,
+            peers=[name.strip() for name in arguments.peers.split(",") if name.strip()],
             reports=arguments.reports,
             report=_write_report,
             engine=arguments.engine,
@@ -208,7 +219,7 @@ def _outcome(found: dict[str, Any], seed: int | None) -> Outcome:
     if found["worst"]:
         rows = [[w["case"], w["suite"], _names(w), w["answered"], w["report"]] for w in found["worst"]]
         parts.append("worst:\n" + text_table(["case", "suite", "hidden", "answered", "report"], rows))
-    parts.append(text_table(*baseline_table(found)))
+    parts.append(text_table(*peer_table(found)))
     parts.append(_opened(found))
     if not found["is_answered_first"]:
         parts.append("the truth had been opened for other answers before these were frozen: they are no evidence")

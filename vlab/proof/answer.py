@@ -6,31 +6,34 @@ from pathlib import Path
 from typing import Any
 
 from vlab.cases import load_case
+from vlab.cases.case import Case
 from vlab.diagnose.diagnosis import RejectedCase
 from vlab.diagnose.pipeline import Diagnosed, FrequencyDiagnosed, diagnose
 from vlab.errors import VlabError
 from vlab.files.output_folder import finite, output_folder
-from vlab.proof.baselines import baselines_of
+from vlab.proof.peers.registry import peers_of
 
 Report = Callable[[Diagnosed | FrequencyDiagnosed | RejectedCase, Path], None]
 """Function that writes the report of a diagnosis into a folder."""
 
 
 def answer_case(
-    item: tuple[str, Path], *, baselines: bool = False, frees_all: Collection[str] = ()
+    item: tuple[str, Path], *, baselines: bool = False, slow_on: Collection[str] = (), peers: Collection[str] = ()
 ) -> tuple[str, dict[str, Any]]:
     """Return the name of a case and its answer.
 
-    A failure is also an answer, and a wrong one.
+    A failure is also an answer, and a wrong one. Peers answer after the diagnosis, whose times leave them out.
 
     Parameters
     ----------
     item : (name, folder)
         Case.
     baselines : bool
-        Whether the simple methods answer as well.
-    frees_all : collection of str
-        Cases that the slow mujoco.sysid answers, too.
+        Whether peers answer as well.
+    slow_on : collection of str
+        Cases that slow peers answer, too.
+    peers : collection of str
+        Names of the peers; all by default.
 
     Returns
     -------
@@ -38,12 +41,11 @@ def answer_case(
         Name of the case and its answer.
     """
     name, folder = item
-    began = time.monotonic()
+    began, cpu = time.monotonic(), time.process_time()
+    case: Case | None = None
     try:
         case = load_case(folder)
         answer = diagnose(case).diagnosis.to_json()
-        if baselines:
-            answer["baselines"] = baselines_of(case, frees_all=name in frees_all)
     except VlabError as error:
         answer = {"verdict": "refused", "findings": [], "error": " ".join(str(error).split())}
     except Exception as error:  # a program fault is counted and listed, and does not stop a campaign
@@ -52,7 +54,9 @@ def answer_case(
             "findings": [],
             "error": f"{type(error).__name__}: {' '.join(str(error).split())}",
         }
-    answer["seconds"] = time.monotonic() - began
+    answer["seconds"], answer["cpu_seconds"] = time.monotonic() - began, time.process_time() - cpu
+    if baselines and case is not None:
+        answer["baselines"] = peers_of(case, peers, slow_too=name in slow_on)
     return name, {"case": name, **finite(answer)}
 
 

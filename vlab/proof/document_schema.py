@@ -20,14 +20,21 @@ FINDING = {
     "probability?": _NUMBER_OR_NONE,
     "parameters?": {"*": {"value?": _NUMBER_OR_NONE, "ci90?": ([_NUMBER_OR_NONE], NoneType)}},
 }
-HELDOUT = {f"{key}?": _NUMBER_OR_NONE for key in ("gap_closed", "nrmse_before", "nrmse_noise")}
-BASELINE = {"note?": str, "names?": [str], "named?": [{"effect": str}], "nrmse?": _NUMBER_OR_NONE}
+HELDOUT = {f"{key}?": _NUMBER_OR_NONE for key in ("gap_closed", "nrmse_before", "nrmse_noise", "nrmse_after")}
+BASELINE = {
+    "note?": str,
+    "names?": [str],
+    "named?": [{"effect": str}],
+    "nrmse?": _NUMBER_OR_NONE,
+    "cpu_seconds?": _NUMBER_OR_NONE,
+}
 ANSWER = {
     "verdict": str,
     "findings?": [FINDING],
     "heldout?": (HELDOUT, NoneType),
     "baselines?": {"*": (BASELINE, NoneType)},
     "seconds?": NUMBER,
+    "cpu_seconds?": _NUMBER_OR_NONE,
     "error?": str,
 }
 """ANSWER: counted parts of an answer; see `has_shape`."""

@@ -20,7 +20,17 @@ SCORING = ("proof/equivalence.py", "proof/judge.py", "proof/score.py", "proof/st
 """SCORING: sources of the rules of scoring."""
 MORE_SCORING = ("proof/levels.py", "proof/servo_scoring.py", "proof/stated.py", "proof/targets.py")
 """MORE_SCORING: sources of the rules that came after the stored answers were frozen."""
-NOT_ANSWERING = ("views/", "cli/", "reproduce/", "demo", "bench", "proof/real/", *SCORING, *MORE_SCORING)
+NOT_ANSWERING = (
+    "views/",
+    "cli/",
+    "reproduce/",
+    "demo",
+    "bench",
+    "proof/real/",
+    "proof/peers/scoring.py",
+    *SCORING,
+    *MORE_SCORING,
+)
 """NOT_ANSWERING: sources without influence on answers."""
 ASSETS = ("beam.toml", "grid.toml", "laboratory.toml")
 

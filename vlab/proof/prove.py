@@ -1,6 +1,7 @@
 """Score of concealed cases: answers, frozen hashes, opened truth, counts."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,9 @@ from vlab.proof.judge import Judged, judge
 from vlab.proof.levels import level_rows
 from vlab.proof.manifest import is_set_down, manifest, scoring_digest
 from vlab.proof.pack import changed_measures, read_pack, unpack
-from vlab.proof.score import baseline_rows, score
+from vlab.proof.peers.registry import check_peers
+from vlab.proof.peers.scoring import peer_rows
+from vlab.proof.score import score
 from vlab.proof.seal import (
     ANSWERS,
     FROZEN,
@@ -69,6 +72,27 @@ MANIFEST_SHAPE = {"targets?": SHAPE}
 Progress = Callable[[int, int], None]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Baselines:
+    """Peers of a campaign.
+
+    Parameters
+    ----------
+    count : int or None
+        Number of cases for slow peers; None for no peers at all.
+    peers : tuple of str
+        Names of the peers; all by default.
+    """
+
+    count: int | None = None
+    peers: tuple[str, ...] = ()
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Entries of the manifest; without named peers those of earlier manifests."""
+        return {"baselines": self.count, **({"peers": list(self.peers)} if self.peers else {})}
+
+
 def prove(
     cases: Path,
     out: Path,
@@ -76,6 +100,7 @@ def prove(
     truth: Path | None = None,
     first: int = 0,
     baselines: int | None = None,
+    peers: Sequence[str] = (),
     reports: int = 0,
     report: Report | None = None,
     engine: str = "joblib",
@@ -99,7 +124,9 @@ def prove(
     first : int
         Number of answered and scored cases in drawn order. By default all, or after freezing the answered ones.
     baselines : int, optional
-        Whether the simple methods answer, and number of cases for the slow mujoco.sysid.
+        Whether peers answer, and number of cases for slow ones.
+    peers : sequence of str
+        Names of the peers, see `vlab.proof.peers.registry`; all by default.
     reports : int
         Number of worst cases with a report.
     report : Report or None
@@ -125,10 +152,20 @@ def prove(
     OutputRefused
         Another process works in the folder of the answers, or the folder cannot be written.
     """
+    check_peers(peers)
     commitments = read_commitments(cases, recordings=not (out / FROZEN).exists())
     with sole_use(out, of="vlab prove"):
         found = _counted(
-            cases, out, commitments, truth or truth_folder(cases), first, baselines, engine, jobs, scheduler, progress
+            cases,
+            out,
+            commitments,
+            truth or truth_folder(cases),
+            first,
+            Baselines(count=baselines, peers=tuple(peers)),
+            engine,
+            jobs,
+            scheduler,
+            progress,
         )
         if report is not None and reports:
             _write_worst(cases, out, found, reports, report)
@@ -193,7 +230,7 @@ def _counted(
     commitments: dict[str, Any],
     truth: Path,
     first: int,
-    baselines: int | None,
+    baselines: Baselines,
     engine: str,
     jobs: int,
     scheduler: str,
@@ -216,7 +253,7 @@ def _counted(
     found["levels"] = level_rows(judged, truths, answers)
     found["decisions"] = decision_rows(judged)
     found["stated"] = stated_rows(judged, truths, answers)
-    found["baselines"] = baseline_rows(judged, answers, truths)
+    found["baselines"] = peer_rows(judged, answers, truths)
     found["plan"] = truths["plan"]
     found["never_hidden"] = sorted(
         {e.physics for e in EFFECTS.values()} - {e for n in answers for h in truths[n]["hidden"] for e in h["accepted"]}
@@ -279,14 +316,14 @@ def _answer(
     out: Path,
     commitments: dict[str, Any],
     names: Sequence[str],
-    baselines: int | None,
+    baselines: Baselines,
     engine: str,
     jobs: int,
     scheduler: str,
     progress: Progress,
 ) -> None:
     """Answer the open cases; each answer is written whole."""
-    now = manifest(commitments, baselines=baselines)
+    now = manifest(commitments, **baselines.settings)
     if (out / MANIFEST).exists():
         _check_same(read_shaped(out / MANIFEST, {}, "a manifest"), now, out)
     else:
@@ -295,13 +332,14 @@ def _answer(
     left = [(n, (cases / n).resolve()) for n in names if not (out / ANSWERS / f"{n}.json").exists()]
     progress(len(names) - len(left), len(names))
     done = len(names) - len(left)
-    work = partial(answer_case, baselines=baselines is not None, frees_all=frozenset(names[: baselines or 0]))
+    slow_on = frozenset(names[: baselines.count or 0])
+    work = partial(answer_case, baselines=baselines.count is not None, slow_on=slow_on, peers=baselines.peers)
     for name, answer in run_all(work, left, engine=engine, jobs=jobs, scheduler=scheduler):
         write_json(out / ANSWERS / f"{name}.json", answer, is_new=True)
         done += 1
         progress(done, len(names))
     # late processes read the present state
-    _check_same(now, manifest(commitments, baselines=baselines), out)
+    _check_same(now, manifest(commitments, **baselines.settings), out)
 
 
 def _check_same(before: Any, now: dict[str, Any], out: Path) -> None:
@@ -407,31 +445,3 @@ def table_rows(found: Mapping[str, Any]) -> tuple[list[str], Sequence[Sequence[A
         met = "shown" if m.get("shown") else {True: "met", False: "missed", None: ""}[m["met"]]
         rows.append([m["measure"], m["value"], count, interval, m["target"], met])
     return ["measure", "value", "cases", "95 % interval", "target", ""], rows
-
-
-def baseline_table(found: Mapping[str, Any]) -> tuple[list[str], Sequence[Sequence[Any]]]:
-    """Return heads and rows of the table of simple methods.
-
-    Parameters
-    ----------
-    found : mapping
-        Score.
-
-    Returns
-    -------
-    tuple
-        Headings and rows.
-    """
-    rows = [
-        [
-            b["method"],
-            b["cases"],
-            b["right_class"],
-            b["vlab"]["right_class"],
-            b["gap_closed"],
-            b["vlab"]["gap_closed"],
-            b["note"],
-        ]
-        for b in found["baselines"]
-    ]
-    return ["method", "cases", "right class", "vlab", "held-out gap closed, median", "vlab", ""], rows

@@ -6,7 +6,8 @@ from typing import Any
 
 from vlab.proof.judge import NOTHING
 from vlab.proof.levels import level_table
-from vlab.proof.prove import baseline_table, table_rows
+from vlab.proof.peers.scoring import peer_table
+from vlab.proof.prove import table_rows
 from vlab.proof.score import STRUCTURES
 from vlab.proof.stated import EDGE, decision_table, stated_table
 from vlab.views.figures import to_svg
@@ -189,5 +190,5 @@ def _failures(found: Mapping[str, Any]) -> Section:
 
 
 def _baselines(found: Mapping[str, Any]) -> Section:
-    heads, rows = baseline_table(found)
-    return Section(title="Beside simpler methods", text="vlab: on the same cases.", tables=[(heads, rows)])
+    heads, rows = peer_table(found)
+    return Section(title="Beside other methods", text="vlab: on the same cases.", tables=[(heads, rows)])
