@@ -3,8 +3,10 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
+import mujoco
 import numpy as np
 
+from vlab.cases.initial_state import joint_of
 from vlab.diagnose.data.command_limit import CommandLimit, find_limit
 from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.noise import noise_levels, noise_notes
@@ -107,7 +109,10 @@ class DataFindings:
         out += [
             finding_of_interference(interference, units[interference.channel]) for interference in self.interferences
         ]
-        return out + [finding_of_offset(offset, units[offset.channel]) for offset in self.zeros]
+        return out + [
+            finding_of_offset(offset, units[offset.channel], alike_offsets(offset.channel, problem))
+            for offset in self.zeros
+        ]
 
 
 def look_at_data(problem: Problem, damage: DataQuality) -> DataFindings:
@@ -245,7 +250,36 @@ def finding_of_step(step: SensorStep, unit: str) -> Finding:
     return _seen("sensor-quantisation", step.channel, parameters, words)
 
 
-def finding_of_offset(offset: SensorOffset, unit: str) -> Finding:
+def alike_offsets(channel: str, problem: Problem) -> tuple[str, ...]:
+    """Return the effects that shift a channel by the same constant.
+
+    A constant force shifts the reading of a joint alone if a servo holds the joint, or the spring of the only joint.
+
+    Parameters
+    ----------
+    channel : str
+        Channel.
+    problem : Problem
+        Problem with plant and recordings.
+
+    Returns
+    -------
+    tuple of str
+        Effects, the offset of the sensor first.
+    """
+    compared = next((c for c in problem.runs[0].compared if c.channel == channel), None)
+    found = None if compared is None else joint_of(problem.plant, compared)
+    if found is None or found[1] != 0:
+        return ("sensor-offset",)
+    model = problem.plant.model
+    joint = int(model.dof_jntid[found[0]])
+    is_driven = (model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)) & (model.actuator_trnid[:, 0] == joint)
+    if np.any(is_driven & (model.actuator_biasprm[:, 1] < 0.0)):
+        return ("sensor-offset", "actuator-offset", "force-offset")
+    return ("sensor-offset", "force-offset") if model.nv == 1 and model.jnt_stiffness[joint] > 0 else ("sensor-offset",)
+
+
+def finding_of_offset(offset: SensorOffset, unit: str, alike: tuple[str, ...] = ("sensor-offset",)) -> Finding:
     """Return the finding of a sensor offset.
 
     Parameters
@@ -254,6 +288,8 @@ def finding_of_offset(offset: SensorOffset, unit: str) -> Finding:
         Offset.
     unit : str
         Unit of the channel.
+    alike : tuple of str
+        Effects of the same readings, which share the probability.
 
     Returns
     -------
@@ -261,7 +297,11 @@ def finding_of_offset(offset: SensorOffset, unit: str) -> Finding:
         Finding.
     """
     parameters = {"offset": _estimated(offset.offset, offset.sd, unit)}
-    return _seen("sensor-offset", offset.channel, parameters, "the fit to all recordings puts the offset there")
+    words = "the fit to all recordings puts the offset there"
+    if len(alike) > 1:
+        words += f"; {' or '.join(alike[1:])} of this joint shifts the readings alike"
+    found = _seen("sensor-offset", offset.channel, parameters, words)
+    return replace(found, alike=alike, probability=FINDINGS.seen / len(alike))
 
 
 def _seen(name: str, channel: str, parameters: dict[str, dict[str, Any]], words: str) -> Finding:
