@@ -141,7 +141,7 @@ def flat_tops(values: Array) -> dict[str, NDArray[np.bool_]]:
     A signal enters and leaves a clipped top at speed. A quantised smooth top x = -c k^2/2 that is flat for n >= 3
     samples satisfies c (n/2)^2/2 <= step/2. Its slope at the ends, c n/2, is at most 2 step/n, about one step a sample.
     Three steps a sample therefore indicate clipping. A signal at its extreme value for more than half of the time is at
-    rest. A motion that also turns back after standing still elsewhere sticks, as a joint with dry friction does.
+    rest.
 
     Parameters
     ----------
@@ -155,8 +155,6 @@ def flat_tops(values: Array) -> dict[str, NDArray[np.bool_]]:
     """
     out: dict[str, NDArray[np.bool_]] = {}
     step = _step(values)
-    if _sticks(values, step):
-        return out
     for side, extreme in (("lower", values.min()), ("upper", values.max())):
         at_extreme = values == extreme
         lengths, speeds = _flats(values, at_extreme)
@@ -165,8 +163,22 @@ def flat_tops(values: Array) -> dict[str, NDArray[np.bool_]]:
     return out
 
 
-def _sticks(values: Array, step: float) -> bool:
-    """Return whether a motion turns back after standing still short of its extremes."""
+def sticks(values: Array) -> bool:
+    """Return whether a motion turns back after standing still short of its extremes.
+
+    A joint with dry friction does so; its flat tops are no limit of the sensor.
+
+    Parameters
+    ----------
+    values : array
+        Samples of a channel, (n,).
+
+    Returns
+    -------
+    bool
+        Whether the motion sticks.
+    """
+    step = _step(values)
     first, last = runs(np.diff(values) == 0)
     last = last + 1
     inside = (first >= 2) & (last + 1 < values.size) & (last - first >= CLIPPED_RUN)
@@ -205,7 +217,7 @@ EXTREMES = {"upper": "largest value", "lower": "smallest value"}
 def _clipping(recording: Recording, index: int) -> Iterator[Finding]:
     """Yield findings on a channel's limits."""
     channel, values = recording.channels[index], recording.data[:, index]
-    for side, at_limit in flat_tops(values).items():
+    for side, at_limit in () if sticks(values) else flat_tops(values).items():
         first, last = runs(at_limit)
         long = last - first >= CLIPPED_RUN
         where = f"stands at its {EXTREMES[side]}" if _drives(channel) else f"stops at its {side} limit of"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vlab.cases.channel_map import Compared, Run, compared_names
 from vlab.cases.checks import FileCheck
 from vlab.diagnose.settings import QUALITY
-from vlab.recordings.quality import cut_off, findings, flat_tops, held_samples, long_step
+from vlab.recordings.quality import cut_off, findings, flat_tops, held_samples, long_step, sticks
 from vlab.signals import Array, sample_period
 
 DAMAGING = ("duplicate", "gap", "held", "quantisation", "sign", "units")
@@ -131,7 +131,8 @@ def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
     """
     out = []
     for channel in compared_names(runs):
-        tops = [(run, at) for run in runs for at in flat_tops(run.measured[channel]).values()]
+        moving = [run for run in runs if not sticks(run.measured[channel])]
+        tops = [(run, at) for run in moving for at in flat_tops(run.measured[channel]).values()]
         if not tops:
             continue
         sizes = np.array([abs(float(run.measured[channel][at][0])) for run, at in tops])
