@@ -54,7 +54,7 @@ def real_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
         xscale="log",
         xlim=(0.9 * LEAST, 1.1 * MOST),
         ylim=(max(len(shown), 1) - 0.5, -0.5),
-        xlabel=f"error on hold-out recordings [% of their rms] (ends of the axis: at most {LEAST:g}, at least {MOST:g})",
+        xlabel=f"error on hold-out recordings [% of their rms]\nat the ends of the axis: at most {LEAST:g}, at least {MOST:g}",
         yticks=np.arange(len(shown)),
         yticklabels=[as_text(row["case"]) for row in shown],
     )
