@@ -147,7 +147,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
 
 
 def _counted_again(file: Path, arguments: argparse.Namespace) -> Outcome:
-    """Count a packed campaign; its recordings are not packed, and its truth is."""
+    """Count a packed campaign, which has its truth but no recordings."""
     for option in ("truth", "first", "baselines", "reports", "pack"):
         if getattr(arguments, option) not in (None, "", 0) or (option == "baselines" and arguments.baselines == 0):
             raise BadExperiment(f"--{option} belongs to a folder of cases; {file} holds a finished campaign")

@@ -252,7 +252,7 @@ def _read_lines(file: Path) -> list[Any]:
 
 
 def unpack(campaign: Campaign, folder: Path) -> Path:
-    """Write the documents of a campaign as the folders that they came from.
+    """Write the documents of a campaign as its original folders.
 
     Parameters
     ----------

@@ -12,6 +12,8 @@ from vlab.signals import Array, Channel, Recording
 
 CLIPPED_RUN = 3
 """CLIPPED_RUN [samples]: fewest equal samples at the extreme value that form a flat top."""
+FAST = 3
+"""FAST [steps/sample]: speed at both ends of a flat part beyond which the part is no quantised smooth top."""
 
 HELD_RUN = 10
 """HELD_RUN [samples]: shortest standstill of all sensors during motion that counts as a dropped block."""
@@ -157,14 +159,14 @@ def flat_tops(values: Array) -> dict[str, NDArray[np.bool_]]:
     step = _step(values)
     for side, extreme in (("lower", values.min()), ("upper", values.max())):
         at_extreme = values == extreme
-        lengths, speeds = _flats(values, at_extreme)
-        if np.any((lengths >= CLIPPED_RUN) & (speeds > 3 * step)) and at_extreme.mean() <= 0.5:
+        lengths, speeds = _tops(values, at_extreme)
+        if np.any((lengths >= CLIPPED_RUN) & (speeds > FAST * step)) and at_extreme.mean() <= 0.5:
             out[side] = at_extreme
     return out
 
 
 def sticks(values: Array) -> bool:
-    """Return whether a motion turns back after standing still short of its extremes.
+    """Return whether a motion turns back from rest short of its extremes.
 
     A joint with dry friction does so; its flat tops are no limit of the sensor.
 
@@ -178,15 +180,10 @@ def sticks(values: Array) -> bool:
     bool
         Whether the motion sticks.
     """
-    step = _step(values)
-    first, last = runs(np.diff(values) == 0)
-    last = last + 1
-    inside = (first >= 2) & (last + 1 < values.size) & (last - first >= CLIPPED_RUN)
-    first, last = first[inside], last[inside]
-    before, after = values[first - 1] - values[first - 2], values[last + 1] - values[last]
-    is_fast = np.minimum(np.abs(before), np.abs(after)) > 3 * step
-    is_short = (values[first] > values.min()) & (values[first] < values.max())
-    return bool(np.any(is_fast & is_short & (before * after < 0)))
+    lengths, before, after, level = _flats(values, *_constant(values))
+    is_fast = np.minimum(np.abs(before), np.abs(after)) > FAST * _step(values)
+    is_short = (level > values.min()) & (level < values.max())
+    return bool(np.any((lengths >= CLIPPED_RUN) & is_fast & is_short & (before * after < 0)))
 
 
 def cut_off(values: Array, at_limit: NDArray[np.bool_]) -> float:
@@ -194,20 +191,31 @@ def cut_off(values: Array, at_limit: NDArray[np.bool_]) -> float:
 
     A parabola with the same duration and end slopes replaces the flat top.
     """
-    lengths, speeds = _flats(values, at_limit)
+    lengths, speeds = _tops(values, at_limit)
     return float(np.max(0.25 * lengths * speeds, initial=0.0)) / max(_step(values), 1e-300)
 
 
-def _flats(values: Array, at_extreme: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Return the lengths and end speeds of flat tops.
+def _constant(values: Array) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return start and end of each run of equal values."""
+    first, last = runs(np.diff(values) == 0)
+    return first, last + 1
 
-    Lengths are in samples; the speed is the smaller of the two ends, per sample.
+
+def _flats(values: Array, first: NDArray[Any], last: NDArray[Any]) -> tuple[Array, Array, Array, Array]:
+    """Return the lengths, end slopes and levels of flat parts.
+
+    Lengths are in samples, slopes before and after per sample. Parts without two samples on either side are left out.
     """
-    first, last = runs(at_extreme)
     inside = (first >= 2) & (last + 1 < values.size)
     first, last = first[inside], last[inside]
-    before, after = np.abs(values[first - 1] - values[first - 2]), np.abs(values[last + 1] - values[last])
-    return np.asarray(last - first, dtype=float), np.minimum(before, after)
+    before, after = values[first - 1] - values[first - 2], values[last + 1] - values[last]
+    return np.asarray(last - first, dtype=float), before, after, values[first]
+
+
+def _tops(values: Array, at_extreme: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return the lengths of flat tops and the smaller speed of their two ends."""
+    lengths, before, after, _ = _flats(values, *runs(at_extreme))
+    return lengths, np.minimum(np.abs(before), np.abs(after))
 
 
 EXTREMES = {"upper": "largest value", "lower": "smallest value"}

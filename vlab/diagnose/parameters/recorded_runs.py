@@ -111,7 +111,7 @@ def read_runs(case: Case, roles: Sequence[str]) -> RecordedRuns:
 
 
 def has_noise_floor(run: Run) -> bool:
-    """Return whether a run is long enough for a noise floor of its own."""
+    """Return whether a run has a noise floor of its own."""
     return len(run.measured) >= RECORDED_RUNS.least_samples
 
 

@@ -90,7 +90,7 @@ class ServoArm:
         return replace(scales[self.coordinate(place)], each=scales)
 
     def alike(self, x: Hidden) -> dict[str, Any]:
-        """Return other names of the place of an effect, and places near it.
+        """Return other names of an effect's place, and places near.
 
         Parameters
         ----------

@@ -13,7 +13,7 @@ from vlab.proof.generator.hidden import Hidden, Kind, places_for
 from vlab.proof.generator.integration import Feedback, semi_implicit
 from vlab.proof.generator.plan import Plan, plan
 from vlab.proof.generator.simulate import Setup, scale_at
-from vlab.proof.generator.sizing import Refit, Size
+from vlab.proof.generator.sizing import CLOSE, Refit, Size, to_size
 from vlab.proof.generator.statement import OF_COMMAND, TIME_CONSTANT, coloured_part, deviations
 from vlab.signals import Array
 
@@ -21,10 +21,8 @@ NOISE = {"low": 0.002, "middle": 0.007, "high": 0.02}
 """NOISE [-]: standard deviation of the noise over the rms of each channel at the middle level."""
 SEARCH_HZ = 1000.0
 """SEARCH_HZ [Hz]: least integration rate during the search for the size."""
-TRIES, DRAWS = 9, 12
-"""TRIES, DRAWS [-]: sizes per draw, and draws per case, before the case is given up."""
-CLOSE = 1.25
-"""CLOSE [-]: accepted factor between found and wanted size."""
+DRAWS = 12
+"""DRAWS [-]: draws per case before the case is given up."""
 LARGEST = 0.6
 """LARGEST [-]: largest change of the signals by a hidden effect, as a share of their rms."""
 HALVED_S, MOST_HALVED = 4.0, 0.1
@@ -384,10 +382,7 @@ def _sized(
 
 
 def _to_size(one: Hidden, target: float, drawn: _Drawn, refit: Refit) -> Hidden | None:
-    """Change the size of an effect to a target after calibration.
-
-    The search uses secants in the logarithm. The result is None for an unreachable target.
-    """
+    """Change the size of an effect to a target, in coarser steps."""
     fit = drawn.plan.fit
     commands = drawn.commands[:, :, fit]
     substeps = max(1, round(SEARCH_HZ / drawn.setup.rate_hz))
@@ -396,25 +391,12 @@ def _to_size(one: Hidden, target: float, drawn: _Drawn, refit: Refit) -> Hidden 
         feedback = replace(feedback, noise=feedback.noise[:, :, fit])
     setup = replace(drawn.setup, substeps=substeps, feedback=feedback)
     null = drawn.null[:, :, fit]
-    low, high = 0.0, np.inf  # bracket: too small, too large
-    for _ in range(TRIES):
-        left, share = _left(setup, commands, one, null, refit)
-        left = np.inf if share > LARGEST else left
-        if target / CLOSE <= left <= target * CLOSE:
-            return one
-        if left < target:
-            low = one.size
-        else:
-            high = one.size
-        factor = 0.3 if not np.isfinite(left) else float(np.clip(target / max(left, 1e-12), 0.05, 20.0))
-        new = one.size * factor
-        if low > 0 and np.isfinite(high) and not low < new < high:
-            new = float(np.sqrt(low * high))
-        new = min(new, one.kind.most)
-        if new == one.size or (np.isfinite(high) and low > 0.98 * high):
-            return None
-        one = replace(one, size=new)
-    return None
+
+    def left(tried: Hidden) -> float:
+        residual, share = _left(setup, commands, tried, null, refit)
+        return np.inf if share > LARGEST else residual
+
+    return to_size(one, target, left)
 
 
 def _left(setup: Setup, commands: Array, one: Hidden, null: Array, refit: Refit) -> tuple[float, float]:

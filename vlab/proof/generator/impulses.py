@@ -1,4 +1,4 @@
-"""Impulses of dry friction by projected sweeps, with the small dense algebra of compiled marches."""
+"""Impulses of dry friction by projected sweeps, and dense algebra."""
 
 import numpy as np
 

@@ -438,7 +438,7 @@ def step_by_step(problem: _Problem, feedback: Feedback | None) -> Array:
 
 
 def semi_implicit(bench: Bench, commands: Array, period: float, step: float) -> Array:
-    """Return the samples that a simulator with a coarse step gives, from rest.
+    """Return the samples of a simulator with a coarse step.
 
     The rates at the end of a step move the coordinates [1]_. Dampers are implicit in the rate of their own coordinate, as
     between bodies of different kinematic trees.

@@ -5,18 +5,19 @@ A mechanism is an arm on servos or a pendulum, with its clock and its log.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 
 from vlab.errors import BadExperiment, Diverged
 from vlab.proof.generator.bench import Benign, Nominal
-from vlab.proof.generator.concealed import CLOSE, DRAWS, LARGEST, MOST_HALVED, TRIES, Concealed, Wanted
+from vlab.proof.generator.concealed import DRAWS, LARGEST, MOST_HALVED, Concealed, Wanted
 from vlab.proof.generator.hardware import red_noise
 from vlab.proof.generator.hidden import Hidden, Kind, Scale
 from vlab.proof.generator.motion_sizing import MotionRefit
 from vlab.proof.generator.plan import Plan
-from vlab.proof.generator.sizing import Size
+from vlab.proof.generator.sizing import CLOSE, Size, to_size
 from vlab.proof.generator.statement import COLOURED, coloured_part
 from vlab.signals import Array
 
@@ -68,7 +69,7 @@ class Mechanism(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
-    """Mechanism as built with its plan, statement, noise and readings without hidden effects.
+    """Mechanism as built with its plan, statement and noise.
 
     Parameters
     ----------
@@ -293,44 +294,22 @@ def _sized(
         target = float(np.exp(rng.uniform(np.log(wanted.low), np.log(max(most, wanted.low * 1.01)))))
         scale = drawn.setup.scale_at(place, scales)
         one = Hidden(kind=kind, place=place, shapes=kind.draw(rng), scale=scale, size=min(kind.start, kind.most))
-        found = _to_size(one, target, refit, readings)
+        found = to_size(one, target, partial(_left, target=target, refit=refit, readings=readings))
         if found is None:
             return None
         out.append(found)
     return out
 
 
-def _to_size(
-    one: Hidden, target: float, refit: MotionRefit, readings: Callable[[list[Hidden]], Array]
-) -> Hidden | None:
-    """Change the size of an effect to a target after calibration.
-
-    The result is None for an unreachable target.
-    """
-    low, high = 0.0, np.inf  # bracket: too small, too large
-    for _ in range(TRIES):
-        try:
-            y = readings([one])
-            left = refit.quick(y)
-            if left <= target * CLOSE:  # the linear step overrates what a full calibration leaves
-                left = refit.size(y).left
-        except Diverged:
-            left = np.inf
-        if target / CLOSE <= left <= target * CLOSE:
-            return one
-        if left < target:
-            low = one.size
-        else:
-            high = one.size
-        factor = 0.3 if not np.isfinite(left) else float(np.clip(target / max(left, 1e-12), 0.05, 20.0))
-        new = one.size * factor
-        if low > 0 and np.isfinite(high) and not low < new < high:
-            new = float(np.sqrt(low * high))
-        new = min(new, one.kind.most)
-        if new == one.size or (np.isfinite(high) and low > 0.98 * high):
-            return None
-        one = replace(one, size=new)
-    return None
+def _left(one: Hidden, target: float, refit: MotionRefit, readings: Callable[[list[Hidden]], Array]) -> float:
+    """Return the residual of an effect after calibration, over the noise."""
+    try:
+        y = readings([one])
+        quick = refit.quick(y)
+        # the linear step overrates what a full calibration leaves
+        return refit.size(y).left if quick <= target * CLOSE else quick
+    except Diverged:
+        return np.inf
 
 
 def _refined(drawn: Drawn, hidden: list[Hidden]) -> tuple[Mechanism, dict[str, float]]:

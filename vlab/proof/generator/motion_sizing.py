@@ -1,4 +1,4 @@
-"""Size of a hidden effect on a mechanism: its residual after calibration, over the noise."""
+"""Size of a hidden effect on a mechanism after calibration."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -55,7 +55,7 @@ class MotionRefit:
         self._J, self._inverse = self._linearised(self._factors, self.null)
 
     def _linearised(self, factors: Mapping[str, float], y: Array) -> tuple[Array, Array]:
-        """Return derivatives of the readings over the noise, and the inverse of the normal matrix."""
+        """Return derivatives of the readings and the inverse normal matrix."""
         columns = []
         for name, sd in zip(self._names, self._sd, strict=True):
             by = FINE_STEP * sd if self._is_relinearised else min(STEP, sd)

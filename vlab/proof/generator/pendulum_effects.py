@@ -1,4 +1,4 @@
-"""Hidden effects of pendulums and carts: in the library, in other forms, and outside it."""
+"""Hidden effects of pendulums and carts, by their form."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -51,7 +51,7 @@ def _stop(s: float, p: Shapes, at: SwingScale) -> Made:
 
 
 def _one_sided(s: float, p: Shapes, at: SwingScale) -> Made:
-    """Spring beyond a place; a negative gap stands for contact on the other side."""
+    """Spring beyond a place; a negative gap is on the other side."""
     side, way, k = p["sign"], p["gap"] * at.peak, s * at.k
     return {"stiffness": k, "gap": side * way}, _numbers(stop=k, gap=way, side=side)
 

@@ -63,7 +63,7 @@ class Cart:
 
 @dataclass(frozen=True, kw_only=True)
 class Pendulum:
-    """One or two rods on a fixed hinge, or one on a cart.
+    """One or two rods on a hinge, or one on a cart.
 
     Parameters
     ----------
@@ -258,7 +258,7 @@ def built(pendulum: Pendulum, factors: Mapping[str, float]) -> Swinging:
 
 
 def _moments(rod: Rod) -> np.ndarray:
-    """Return the principal moments of inertia of a slender rod as its model has them."""
+    """Return the principal moments of inertia of a slender rod."""
     return np.array([rod.inertia, rod.inertia, SLENDER * rod.inertia])
 
 

@@ -1,4 +1,4 @@
-"""Pendulums and carts, marched by the implicit midpoint rule with exact dry friction.
+"""Pendulums and carts, marched by the implicit midpoint rule.
 
 The equations of motion are those of Lagrange in closed form. A hinge angle q counts from the hanging rest. With mass m,
 centre c below the hinge, moment of inertia I about the centre, and length l:

@@ -1,4 +1,4 @@
-"""Pendulum or cart with clock and log: true readings, and sizes of its signals."""
+"""Pendulum or cart with clock and log, and its signals."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -99,7 +99,7 @@ class SwingLog:
         return replace(self, substeps=substeps)
 
     def rebuilt(self, factors: Mapping[str, float]) -> "SwingLog":
-        """Return the log of a pendulum with other log-factors and states at the releases."""
+        """Return the log with other log-factors and states at release."""
         return replace(self, machine=built(self.pendulum, factors), starts=factors)
 
     def with_numbers(self, place: str, **numbers: float) -> "SwingLog":
@@ -118,7 +118,7 @@ class SwingLog:
         return replace(self, sensors=tuple(sensors))
 
     def march(self, commands: Array, run: int) -> Array:
-        """Return coordinates and rates from a release on, or from rest with a cart.
+        """Return coordinates and rates from release, or from rest.
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class SwingLog:
         return first
 
     def _forces(self, u: Array, step: float) -> Array:
-        """Return the force of the motor before its gain, on the fine clock."""
+        """Return the motor's force before its gain, on the fine clock."""
         m = self.motor
         u = u - np.clip(u, -m["dead_zone"], m["dead_zone"])
         if m["soft_zone"]:
@@ -211,7 +211,7 @@ class SwingLog:
         return out[self.lead :]
 
     def nominal_readings(self, commands: Array, timestep: float, *, is_fourth_order: bool) -> Array:
-        """Return the readings that the nominal model's own step gives of this pendulum.
+        """Return the readings with the step of the nominal model.
 
         Parameters
         ----------
@@ -279,7 +279,7 @@ class SwingLog:
         return found
 
     def alike(self, x: Hidden) -> dict[str, Any]:
-        """Return other names of the place of an effect, and places near it.
+        """Return other names of an effect's place, and places near.
 
         Parameters
         ----------

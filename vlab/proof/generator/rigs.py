@@ -203,7 +203,7 @@ def _varied(chain: _Chain, blueprint: Blueprint, rng: np.random.Generator) -> Bl
 
 
 def _in_practice(chain: _Chain, blueprint: Blueprint) -> Blueprint:
-    """Return a kind of bench whose cases vary as those of laboratories do."""
+    """Return a kind of bench whose cases vary as in practice."""
     return replace(blueprint, varied=partial(_varied, chain), wrong=WRONG, coloured=COLOURED, stray=STRAY)
 
 

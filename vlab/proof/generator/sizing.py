@@ -1,11 +1,13 @@
 """Size of a hidden effect: its residual after calibration, over the noise."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vlab.proof.generator.bench import Bench, Benign, Blueprint
 from vlab.proof.generator.hardware import Output
+from vlab.proof.generator.hidden import Hidden
 from vlab.proof.generator.integration import Poles, port_rows
 from vlab.signals import Array, rms
 
@@ -19,6 +21,51 @@ GROWING = ((0.08, 10.0), (0.25, 10.0), (1.0, 10.0), (1.0, 3.0), (1.0, 1.0))
 beyond a line has many minima. Without effective priors parameters diverge."""
 MOST = 3.0
 """MOST [-]: largest change of a benign parameter in standard deviations; a linearisation fails beyond."""
+
+
+TRIES = 9
+"""TRIES [-]: sizes per draw before the draw is given up."""
+CLOSE = 1.25
+"""CLOSE [-]: accepted factor between found and wanted size."""
+
+
+def to_size(one: Hidden, target: float, left: Callable[[Hidden], float]) -> Hidden | None:
+    """Change the size of an effect to a target after calibration.
+
+    The search uses secants in the logarithm, and halves its bracket where a secant leaves it.
+
+    Parameters
+    ----------
+    one : Hidden
+        Effect.
+    target : float
+        Wanted residual after calibration, over the noise.
+    left : callable
+        Returns the residual of an effect; infinite if it is too large to measure.
+
+    Returns
+    -------
+    Hidden or None
+        Effect of the wanted size; None for an unreachable target.
+    """
+    low, high = 0.0, np.inf  # bracket: too small, too large
+    for _ in range(TRIES):
+        found = left(one)
+        if target / CLOSE <= found <= target * CLOSE:
+            return one
+        if found < target:
+            low = one.size
+        else:
+            high = one.size
+        factor = 0.3 if not np.isfinite(found) else float(np.clip(target / max(found, 1e-12), 0.05, 20.0))
+        new = one.size * factor
+        if low > 0 and np.isfinite(high) and not low < new < high:
+            new = float(np.sqrt(low * high))
+        new = min(new, one.kind.most)
+        if new == one.size or (np.isfinite(high) and low > 0.98 * high):
+            return None
+        one = replace(one, size=new)
+    return None
 
 
 @dataclass(frozen=True, kw_only=True)

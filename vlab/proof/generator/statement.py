@@ -1,4 +1,4 @@
-"""Statement of a case, and deviations of the bench as built from it.
+"""Statement of a case, and deviations of the bench as built.
 
 An engineer states round standard deviations by kind. In some cases parts of the bench are about twice as far off.
 """

@@ -140,7 +140,7 @@ def _named(best: Fit, gain: float) -> Named | None:
 
 
 def _held_out_error(problem: Problem, fit: Fit) -> float:
-    """Return the held-out error of a fit in MuJoCo over the channels' rms."""
+    """Return the relative held-out error of a fit in MuJoCo."""
     model, errors = extended(problem, fit), []
     for run in problem.case.runs(("holdout",)):
         try:

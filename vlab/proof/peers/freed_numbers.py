@@ -129,7 +129,7 @@ def with_numbers(model: Any, freed: Sequence[Freed], values: Array) -> Any:
 
 
 def _acts(model: Any, number: Freed) -> bool:
-    """Return whether a number changes the inertia or the weight of a model.
+    """Return whether a number changes a model's inertia or weight.
 
     A mass that only turns about its centre does not, nor a moment of inertia that only slides.
     """
@@ -145,7 +145,7 @@ def _acts(model: Any, number: Freed) -> bool:
 
 
 def stated_deviation(given: Mapping[str, float], kind: str, *elements: str) -> float:
-    """Return the stated relative deviation of a kind of number, or the usual one."""
+    """Return the stated or usual deviation of a kind of number."""
     own = next((given[f"{e}:{kind}"] for e in elements if f"{e}:{kind}" in given), None)
     usual = MJCF_PRIORS.default_sd.get(kind, OF_INERTIA)
     return float(given.get(kind, usual) if own is None else own)
@@ -162,7 +162,7 @@ def _times(array: str, *indices: Any) -> Change:
 
 
 def _plus(array: str, index: Any, unit: float) -> Change:
-    """Return a change that adds to an entry of an array of the model."""
+    """Return a change that adds to an entry of an array."""
 
     def change(model: Any, value: float) -> None:
         getattr(model, array)[index] += value * unit
@@ -175,7 +175,7 @@ def _added(label: str, effect: str, place: str, change: Change) -> Freed:
 
 
 def _largest_forces(plant: MjcfPlant, runs: Sequence[Run]) -> float:
-    """Return the largest force of the actuators in the recordings [N or N m]."""
+    """Return the actuators' largest recorded force [N or N m]."""
     model, most = plant.model, 0.0
     for run in runs:
         for drive in run.drives:

@@ -237,7 +237,7 @@ class _Objective:
         return np.concatenate([self.stated.ravel(), [DELAY_S], np.tile(own, len(self.moments))])
 
     def packed(self, fitted: Fitted) -> Array:
-        """Return the vector of parameters; what is nearly zero begins at its start."""
+        """Return the vector of parameters; zeros begin at their start."""
         out = [*fitted.own.ravel(), max(fitted.delay, 0.1 * DELAY_S)]
         for j, moment in enumerate(self.moments):
             for p in self.freed:
@@ -278,7 +278,7 @@ class _Objective:
         return run_with_friction(run, model, fitted.friction, fitted.delay)
 
     def differences(self, fitted: Fitted) -> list[Array]:
-        """Return simulated minus measured channels of the fit recordings, without their common mean."""
+        """Return simulated minus measured channels without their common mean."""
         out = []
         for run in self.runs:
             measured = np.column_stack([run.run.measured[name] for name in compared_names(run.run)])
@@ -328,13 +328,13 @@ class _Objective:
         return self.unpacked(x), size
 
     def noise_at(self, fitted: Fitted) -> list[Array]:
-        """Return the rms residual of every channel over all fit recordings, by recording."""
+        """Return the rms residual of every channel, by recording."""
         differences = self.differences(fitted)
         left = np.sqrt(np.mean(np.vstack(differences) ** 2, axis=0))
         return [np.maximum(left, LEAST_NOISE * _rms(run)) for run in self.runs]
 
     def held_out_error(self, fitted: Fitted, tests: Sequence[ArmRun]) -> float:
-        """Return the error of some parameters on other recordings over the channels' rms."""
+        """Return the relative error of some parameters on other recordings."""
         raw = [self.simulated(fitted, run) for run in self.runs]
         measured = [np.column_stack([r.run.measured[n] for n in compared_names(r.run)]) for r in self.runs]
         offset = np.mean(np.vstack(raw) - np.vstack(measured), axis=0)

@@ -1,4 +1,4 @@
-"""Free runs of an arm on position servos with load-dependent friction, in compiled code."""
+"""Free runs of an arm on servos with load-dependent friction."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -114,7 +114,7 @@ def _channel(plant: MjcfPlant, compared: Any) -> tuple[int, int]:
 
 
 def run_with_friction(own: ArmRun, model: Any, friction: Array, delay_s: float = 0.0) -> Array:
-    """Return the compared channels of a free run with friction in every joint.
+    """Return the channels of a free run with friction everywhere.
 
     The friction limit of a joint follows from motor moment, outer moment and speed before each step [1]_. MuJoCo's own
     dry friction then holds or brakes the joint up to the limit.

@@ -75,7 +75,7 @@ def joint_channels(plant: Plant, run: Run) -> dict[int, tuple[str, int]]:
 
 
 def _has_constant_inertia(plant: Plant) -> bool:
-    """Return whether mass matrix and bias forces are the same in another pose."""
+    """Return whether mass matrix and bias forces ignore the pose."""
     model, data, matrices, forces = plant.model, plant.new_data(), [], []
     for turn in (0.0, TURN):
         data.qpos[:] += turn

@@ -146,7 +146,7 @@ class _Model:
         return replace(run, measured=replace(run.measured, data=data))
 
     def read(self, run: Run, simulated: Array, values: Array) -> Array:
-        """Return simulated channels (n, n_channels) behind delays, gains and offsets of the sensors."""
+        """Return simulated channels (n, n_channels) as the sensors read them."""
         out, names, time = simulated.copy(), compared_names(run), run.measured.time
         for number, value in zip(self.freed, values, strict=True):
             if not number.kind.startswith("sensor"):
@@ -193,7 +193,7 @@ class _Residual:
         return out
 
     def _simulated(self, values: Array) -> list[Array]:
-        """Return the channels of every run; numbers of sensors need no new simulation."""
+        """Return the channels of every run, simulated where necessary."""
         own = [not number.kind.startswith("sensor") for number in self.model.freed]
         key = values[own].tobytes()
         if key not in self.cache:
@@ -219,7 +219,7 @@ def _measured(run: Run) -> Array:
 
 
 def _simulated(plant: MjcfPlant, run: Run, start: InitialState) -> Array:
-    """Return the compared channels of a free run; not a number after divergence."""
+    """Return the channels of a free run; NaN after divergence."""
     names = compared_names(run)
     if start.how == "rest":
         start = InitialState(qpos=plant.rest, qvel=np.zeros(plant.model.nv), how="rest")
@@ -231,7 +231,7 @@ def _simulated(plant: MjcfPlant, run: Run, start: InitialState) -> Array:
 
 
 def _optimised(residual: _Residual, start: Array) -> tuple[Array, str]:
-    """Return the values of mujoco.sysid's optimiser, and why the end is not its own."""
+    """Return the optimiser's values, and why it was stopped."""
     parameters = sysid.ParameterDict()
     for number, value in zip(residual.model.freed, start, strict=True):
         parameters.add(sysid.Parameter(number.label, float(value), number.low, number.high))
@@ -255,7 +255,7 @@ def _optimised(residual: _Residual, start: Array) -> tuple[Array, str]:
 
 
 def _off_bounds(freed: Sequence[Freed], values: Array) -> Array:
-    """Return values at some distance from their bounds, where the optimiser does not stall."""
+    """Return values at some distance from their bounds."""
     low, high = (np.array([getattr(number, end) for number in freed]) for end in ("low", "high"))
     margin = OFF_BOUNDS * (high - low)
     return np.clip(values, low + margin, high - margin)
@@ -288,7 +288,7 @@ def _named(freed: Sequence[Freed], values: Array, covariance: Array) -> Named | 
 
 
 def _held_out_error(model: _Model, values: Array, run: Run) -> float:
-    """Return the error of the fitted model on a recording over the channels' rms."""
+    """Return the relative error of the fitted model on a recording."""
     plant, commanded = model.plant_at(values), model.commanded(run, values)
     try:
         start = find_initial_state(plant, commanded)

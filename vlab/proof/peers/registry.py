@@ -71,7 +71,7 @@ def peers_of(case: Case, names: Collection[str] = (), *, slow_too: bool = True) 
 
 
 def _answered(peer: Peer, case: Case) -> dict[str, Any]:
-    """Return a peer's result with its CPU time; a failure is a result."""
+    """Return a peer's result, or its failure, with the CPU time."""
     began = time.process_time()
     try:
         found = peer.run(case).to_json()

@@ -1,4 +1,4 @@
-"""Columns of a sparse regression on states, and free runs of its equations."""
+"""Columns of a sparse regression, and free runs of its equations."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -242,7 +242,7 @@ def _cross_validated(
 def _free_run_errors(
     columns: Columns, equations: Array, shapes: Array, run: Run, states: States, channels: dict[int, tuple[str, int]]
 ) -> Array:
-    """Return the error (n_sets,) of the free runs over the rms of the measured channels."""
+    """Return the relative errors (n_sets,) of the free runs."""
     with np.errstate(all="ignore"):  # a run that diverges has the largest error
         motion = free_runs(columns, equations, shapes, states)
     order = {name: (dof, order) for dof, (name, order) in channels.items()}

@@ -62,7 +62,7 @@ def black_box_real(item: tuple[str, Path, int, dict[str, int]]) -> tuple[str, di
 
 
 def _guarded(work: Any) -> dict[str, Any]:
-    """Return the answer of some work, or its failure; with the duration [s]."""
+    """Return the answer of some work or its failure, with duration [s]."""
     began = time.monotonic()
     try:
         with limited_to(1):

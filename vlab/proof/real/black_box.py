@@ -1,4 +1,4 @@
-"""Black-box models of a case, as upper references beside the models of physics.
+"""Black-box models of a case, as upper references.
 
 A linear and a small nonlinear state-space model learn from the fitted recordings alone. Candidates learn the first two
 thirds of every fitted recording, and the free run over the whole chooses their sizes. Both then run freely over the hold-out recordings from an initial state that is estimated in
@@ -285,7 +285,7 @@ def choose_nonlinear(samples: Sequence[Samples], linear: Fitted) -> Fitted:
 
 
 def _nonlinear(seen: Observability, samples: Sequence[Samples], order: int, units: int) -> Fitted:
-    """Fit a nonlinear model that starts as the linear one of its order."""
+    """Fit a nonlinear model from the linear one of its order."""
     linear = fit_linear(seen, samples, order, steps=TRIAL_STEPS)
     forces = np.std(np.vstack([own.u for own in samples]), axis=0)
     start = linear.model.with_units(units, np.concatenate([np.ones(order), forces]))

@@ -1,4 +1,4 @@
-"""Cases in folders of real recordings, with digests of their data and of the engine."""
+"""Cases in folders of real recordings, with digests."""
 
 import tomllib
 from collections.abc import Sequence

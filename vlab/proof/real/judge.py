@@ -100,7 +100,7 @@ def _is_named(effect: KnownEffect, found: Mapping[str, Any]) -> bool:
 
 
 def is_placed(effect: KnownEffect, found: Mapping[str, Any]) -> bool:
-    """Return whether a finding is at an accepted place; any place where none is stated.
+    """Return whether a finding is at an accepted place, if stated.
 
     Parameters
     ----------

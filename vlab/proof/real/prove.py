@@ -116,7 +116,7 @@ def prove_real(
 
 
 def _check_apart(out: Path, cases: Sequence[RealCase]) -> None:
-    """Refuse an output folder among the data of a case, whose digest would change."""
+    """Refuse an output folder among the data of a case."""
     target = out.resolve()
     for case in cases:
         folder = case.folder.resolve()

@@ -344,7 +344,7 @@ def fit_in_stages(model: Model, samples: Sequence[Samples], *, steps: int, windo
 
 
 def _parts(own: Samples, count: int) -> list[Samples]:
-    """Return parts of equal length, fewer than asked where they were too short."""
+    """Return parts of equal length, fewer where too short."""
     edges = np.linspace(0, len(own.y), max(1, min(count, len(own.y) // LEAST_PART)) + 1).astype(int)
     return [own.rows(slice(a, b)) for a, b in pairwise(edges)]
 

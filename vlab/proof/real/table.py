@@ -82,7 +82,7 @@ def metrics_of(known: KnownCase | None, answer: Mapping[str, Any], boxes: Mappin
 
 
 def counts(rows: Sequence[Mapping[str, Any]]) -> dict[str, int]:
-    """Return the number of cases by result of the comparison with the key."""
+    """Return the number of cases by result of the comparison."""
     return dict(Counter(row["met"] for row in rows))
 
 
@@ -142,7 +142,7 @@ def finding_words(row: Mapping[str, Any]) -> str:
 
 
 def key_words(row: Mapping[str, Any]) -> str:
-    """Return the result of the comparison with the key, with findings beyond the key."""
+    """Return the result of the comparison in words."""
     further = row["further"] if row["met"] in ("met", "in part", "family") else []
     return row["met"] + (" (improbable)" if is_improbable(row) else "") + "".join(f" + {name}" for name in further)
 
@@ -153,7 +153,7 @@ def is_improbable(row: Mapping[str, Any]) -> bool:
 
 
 def box_words(row: Mapping[str, Any], kind: str) -> str:
-    """Return the error of a black box as printed, or why there is none."""
+    """Return a black box's error as printed, or the reason."""
     found = row["black_boxes"].get(kind) or {}
     if found.get("nrmse") is not None:
         return percent(found["nrmse"])
