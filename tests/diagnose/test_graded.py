@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.integrate import solve_ivp
 from test_honest_gap import distance, finding, fit_of
 
@@ -52,6 +53,14 @@ def test_a_model_with_half_the_error_passes_the_test():
     assert predicts_better(ratios, 0.01)
     assert not predicts_better(-ratios, 0.01)
     assert not predicts_better(np.zeros(0), 0.01)
+
+
+def test_a_model_that_is_better_in_every_block_passes_the_test():
+    """A limit acts in one of eight blocks; the large ratio raises the variance of a t test."""
+    ratios = np.array([0.08, 1.42, 0.06, 0.09, 0.05, 0.07, 0.04, 0.03])
+    assert stats.ttest_1samp(ratios, 0.0, alternative="greater").pvalue > 0.05
+    assert predicts_better(ratios, 0.01)
+    assert not predicts_better(-ratios, 0.01)
 
 
 # ---- the partial explanation -----------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from vlab.diagnose.inference.model_choice import choose_model
 from vlab.diagnose.model_kinds.mjcf_model import MjcfModel
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.pipeline import diagnose
-from vlab.diagnose.search.attempt import best_attempt
+from vlab.diagnose.search.attempt import best_attempt, further_attempts
 from vlab.diagnose.search.confirmation import Confirmation
 from vlab.diagnose.settings import ATTEMPT, EVIDENCE, MODEL_CHOICE
 from vlab.diagnose.validation.checked import Checked
@@ -247,6 +247,25 @@ def test_an_attempt_that_explains_most_goes_before_one_that_explains_a_part():
     assert best_attempt(part_of_it, iter([most])) is most
     assert best_attempt(poor, iter([part_of_it, poor])) is part_of_it
     assert best_attempt(part_of_it, iter([most]), lambda a: a is part_of_it) is part_of_it  # the other is improbable
+
+
+def test_parts_of_a_refuted_set_are_attempted_first():
+    def of(labels, after):
+        fit = replace(fit_of(), terms=tuple(SimpleNamespace(label=label) for label in labels))
+        return replace(attempt(distance(after=after)), fit=fit)
+
+    def hypothesis(labels):
+        return SimpleNamespace(terms=[SimpleNamespace(label=label) for label in labels])
+
+    def order(first):
+        tried = further_attempts(first, map(hypothesis, ("abc", "ad", "", "b", "a")), lambda h: of(names(h.terms), 0.3))
+        return ["".join(names(t.fit.terms)) for t in tried]
+
+    def names(terms):
+        return [term.label for term in terms]
+
+    assert order(of("ab", 0.5)) == ["b", "a", "abc", "ad"]
+    assert order(of("ab", 0.3)) == ["abc", "ad", "b", "a"]
 
 
 def keys(document):

@@ -33,7 +33,7 @@ from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.problem import Problem, model_kind_of
 from vlab.diagnose.search.ablation import wrong_offsets
 from vlab.diagnose.search.alternative_conventions import choose_convention
-from vlab.diagnose.search.attempt import Trials, best_attempt, is_better_table, without_useless
+from vlab.diagnose.search.attempt import Trials, best_attempt, further_attempts, is_better_table, without_useless
 from vlab.diagnose.search.confirmation import Confirmation, Confirmed
 from vlab.diagnose.search.deadline import Deadline
 from vlab.diagnose.search.left_out_recordings import with_left_out
@@ -385,7 +385,8 @@ class _Pass:
         others = (h for h in searched.found.hypotheses if h.label != judged.choice.best.label)
         has_mesh_error = searched.problem.model_kind.has_mesh_error
         is_partial = partial(is_partial_explanation, choice=judged.choice, has_mesh_error=has_mesh_error)
-        attempt = best_attempt(judged.tried, (trials.of_hypothesis(h, self.effects) for h in others), is_partial)
+        attempt_of = partial(trials.of_hypothesis, effects=self.effects)
+        attempt = best_attempt(judged.tried, further_attempts(judged.tried, others, attempt_of), is_partial)
         if attempt is None or not is_partial(attempt):
             return replace(judged, attempt=attempt)
         terms_of = partial(findings_of_terms, judged.choice, problem=searched.problem)

@@ -395,6 +395,17 @@ def _follows(checked: Sequence[Checked], *, model_kind: ModelKind, is_plausible:
     return is_plausible and is_incoherent(checked)
 
 
+def _is_shown_within_model_error(choice: Choice, checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
+    """Return whether an effect stands out although the calibrated model is as good as models are.
+
+    Evidence beyond chance and every hold-out recording must show the effect. Beside mesh error any effect gains.
+    """
+    is_mismatch = model_kind.is_mismatch(total(checked, "before"), total(checked, "noise"))
+    is_held_out = all(run.role == "holdout" for run in checked)
+    is_sought = is_held_out and not is_mismatch and not model_kind.has_mesh_error
+    return is_sought and bool(choice.best.terms) and choice.gained > 0 and explains_part(checked)
+
+
 def decide_verdict(
     choice: Choice,
     checked: Sequence[Checked],
@@ -411,8 +422,9 @@ def decide_verdict(
 
     A residual counts as coloured noise only beside a calibrated model with plausible parameters. Implausible parameters
     show that the model lacks something, and short recordings show the coherence of a residual poorly. A residual within noise
-    and mesh error shows no linear element: wrong masses and stiffnesses of a mesh act like one. Nothing is missing only if the
-    fitted recordings are explained as well, since a hold-out recording may not excite what is missing.
+    and mesh error shows no linear element: wrong masses and stiffnesses of a mesh act like one. An effect within the model
+    error of other kinds is a partial explanation if the evidence shows it. Nothing is missing only if the fitted recordings are
+    explained as well, since a hold-out recording may not excite what is missing.
 
     Parameters
     ----------
@@ -456,6 +468,8 @@ def decide_verdict(
     tests = not all(run.is_idle for run in checked)
     if is_followed and (shows or (tests and is_needed(choice, checked, model_kind=model_kind))):
         return "missing-physics"
+    if _is_shown_within_model_error(choice, checked, model_kind=model_kind):
+        return "partly-explained"
     follows = partial(_follows, model_kind=model_kind, is_plausible=is_plausible)
     if follows(checked) and follows(fitted()):
         return "nothing-missing"

@@ -298,7 +298,15 @@ class AttachedOscillator(PortEffect):
     words = "something with a resonance of its own swings along: a cable's transverse mode, a lead, a loose part"
     parameters: ClassVar = (
         Parameter(name="mass", unit="kg", low=1e-6, high=1e3),
-        Parameter(name="frequency", unit="Hz", low=0.05, high=500.0, role="shape", grid=(1.0, 3.0, 10.0, 30.0)),
+        Parameter(
+            name="frequency",
+            unit="Hz",
+            low=0.05,
+            high=500.0,
+            role="shape",
+            grid=(1.0, 3.0, 10.0, 30.0),
+            scan="resonance",
+        ),
         Parameter(name="damping_ratio", unit="1", low=1e-4, high=0.5, role="shape", grid=(0.01, 0.04)),
     )
 

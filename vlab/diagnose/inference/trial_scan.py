@@ -6,7 +6,8 @@ magnitude. The screening is linear and cheap, so it evaluates a whole range of v
 - delays up to the range of the effect, at a fraction of the shortest recorded cycle;
 - whole sample periods of a hold;
 - limits from the slowest to the steepest motion of the command;
-- steps of a converter, down to the smallest that some hundred trials reach.
+- steps of a converter, down to the smallest that some hundred trials reach;
+- resonances of one period in a recording up to the highest recorded frequency, at their half-power bandwidth.
 """
 
 from collections.abc import Callable, Sequence
@@ -80,6 +81,11 @@ def scan_values(parameter: Parameter, scales: Scales) -> Array:
             return np.zeros(0)
         count = 1 + int(np.ceil(np.log(high / low) / np.log(TRIAL_SCAN.ratio)))
         return np.geomspace(low, high, count)[:-1]
+    if parameter.scan == "resonance":
+        low = max(parameter.low, 1.0 / max(scales.duration, 1e-300))
+        high = min(parameter.high, scales.highest_hz if scales.highest_hz > 0 else 0.5 / scales.step)
+        count = 1 + int(np.ceil(np.log(max(high / low, 1.0)) / np.log1p(2.0 * TRIAL_SCAN.damping_ratio)))
+        return np.geomspace(low, max(high, low), count)
     return np.zeros(0)
 
 

@@ -75,7 +75,8 @@ class TrialShapes:
         values = [g * self.reference(parameter.reference, place) for g in parameter.grid]
         if effect.is_force and parameter.name == "frequency":
             values += [hz for hz, stands_out in self.tones(place) if stands_out or effect.response != "none"]
-        return values + (self._scanned(effect, parameter, place) if parameter.scan else [])
+        is_scanned = parameter.scan not in ("", "resonance")  # whole recordings show resonances
+        return values + (self._scanned(effect, parameter, place) if is_scanned else [])
 
     def _scanned(self, effect: Effect, parameter: Parameter, place: Place) -> list[float]:
         """Return the best values of a parameter over its whole range."""

@@ -1,6 +1,6 @@
 """Trials of extended models on hold-out recordings."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 
@@ -274,6 +274,50 @@ def best_attempt(
             part = part or attempt
         best = best or (attempt if attempt.holds else None)
     return part or best
+
+
+def further_attempts(
+    first: Attempt, hypotheses: Iterable[Hypothesis], attempt_of: Callable[[Hypothesis], Attempt]
+) -> Iterator[Attempt]:
+    """Yield attempts with other hypotheses.
+
+    Where hold-out data refute a set of effects, one effect of the set may fit what is no such effect. Hypotheses with fewer
+    effects of the set come first then.
+
+    Parameters
+    ----------
+    first : Attempt
+        Attempt with the chosen hypothesis.
+    hypotheses : iterable of Hypothesis
+        Other hypotheses, best first.
+    attempt_of : callable
+        Returns the attempt with a hypothesis.
+
+    Yields
+    ------
+    Attempt
+        Attempts in the order of trial.
+    """
+    left, attempt = [h for h in hypotheses if h.terms], first
+    refuted: list[set[str]] = []
+    while left:
+        refuted += [_labels(attempt.fit.terms)] if _is_refuted(attempt) else []
+        parts = [h for h in left if any(_labels(h.terms) < known for known in refuted)]
+        tried = (parts or left)[0]
+        left.remove(tried)
+        attempt = attempt_of(tried)
+        yield attempt
+
+
+def _labels(terms: Sequence[Term]) -> set[str]:
+    """Return the labels of effects."""
+    return {term.label for term in terms}
+
+
+def _is_refuted(attempt: Attempt) -> bool:
+    """Return whether effects predict hold-out data no better than the model without them."""
+    tests = verifying(attempt.checked)
+    return bool(attempt.fit.terms and tests) and not total(tests, "after") < total(tests, "start")
 
 
 def is_better_table(table: Attempt, attempt: Attempt | None) -> bool:

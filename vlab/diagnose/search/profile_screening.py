@@ -20,6 +20,7 @@ import numpy as np
 from vlab.diagnose.inference.jacobian import forward_differences
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.parameter_vector import ParameterVector
+from vlab.diagnose.inference.trial_scan import Scales, best_values, scan_values
 from vlab.diagnose.parameters.terms import Candidate, Fit
 from vlab.diagnose.settings import PROFILE_SCREENING
 from vlab.parallel import side_by_side
@@ -92,7 +93,7 @@ class _Base:
 
 def _profiled(base: _Base, candidate: Candidate) -> Candidate:
     """Return a candidate with the values of least profiled cost."""
-    trials = _shapes(candidate)
+    trials = [*_shapes(candidate), *_resonances(base, candidate)]
     if candidate.effect.amplitudes:
         trials = _amplitudes(base, candidate, trials)
     if not trials:
@@ -111,6 +112,38 @@ def _shapes(candidate: Candidate) -> list[Values]:
         factors = (1.0,) if parameter.signed else PROFILE_SCREENING.shape_factors
         out = [{**values, parameter.name: factor * values[parameter.name]} for values in out for factor in factors]
     return out[: PROFILE_SCREENING.most_shapes]
+
+
+def _resonances(base: _Base, candidate: Candidate) -> list[Values]:
+    """Return values at the resonances of largest profiled gain over the recorded band.
+
+    Filter innovations show a resonance within the memory of the observer only, and its likelihood has a narrow peak.
+    """
+    amplitudes = candidate.effect.amplitudes
+    scanned = next((p for p in candidate.effect.shapes if p.scan == "resonance"), None)
+    if scanned is None or len(amplitudes) != 1:
+        return []
+    amplitude, runs = amplitudes[0], base.whole.runs
+    scales = Scales(
+        step=max(run.h for run in runs),
+        duration=max(len(run) * run.h for run in runs),
+        highest_hz=base.whole.problem.highest_hz,
+    )
+    target = base.project(base.residual[None])[0]
+
+    def gains(values: Sequence[float]) -> list[float]:
+        trials = [{**candidate.values, scanned.name: value, amplitude.name: 0.0} for value in values]
+        unit = _unit(amplitude.high, candidate.values[amplitude.name])
+        columns = _columns(base, candidate, [_Step(trial, amplitude.name, unit) for trial in trials])
+        return [0.0 if column is None else _linear_gain(base, column, target) for column in columns]
+
+    return [{**candidate.values, scanned.name: value} for value in best_values(scan_values(scanned, scales), gains)]
+
+
+def _linear_gain(base: _Base, column: Array, target: Array) -> float:
+    """Return the decrease of the profiled cost by an unsigned amplitude, to first order."""
+    across = base.project(column[None])[0]
+    return float(max(-(across @ target), 0.0) ** 2 / max(float(across @ across), 1e-300))
 
 
 def _amplitudes(base: _Base, candidate: Candidate, shapes: Sequence[Values]) -> list[Values]:

@@ -358,6 +358,9 @@ class TrialScanSettings:
     ratio: float = 1.6
     """ratio [1]: ratio of neighbouring trial slopes, above 1; default a mismatch of 26 % at most, untested. Raising it
     saves time and starts fits further off."""
+    damping_ratio: float = 0.04
+    """damping_ratio [1]: damping ratio whose half-power bandwidth separates trial resonances, 0 to 1; default the larger
+    trial damping of an attached oscillator. Raising it saves time and misses sharp resonances."""
     most: int = 400
     """most [1]: most trial values of a hold or a step, at least 1; default all whole sample periods up to 0.2 s at 2 kHz.
     Raising it costs time and finds finer steps."""

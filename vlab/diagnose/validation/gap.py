@@ -148,8 +148,10 @@ def block_log_ratios(without: Array, extended: Array, blocks: int) -> Array:
 def predicts_better(log_ratios: Array, false_alarm_rate: float) -> bool:
     """Return whether one model predicts significantly better.
 
-    The test is a one-sided t test on the log ratios of all blocks [1]_. The scale of every block's error is unknown, as
-    in a predictive log score with estimated variance.
+    One-sided tests on the log ratios of all blocks [1]_: a t test, and Wilcoxon's signed-rank test. A limit acts in few
+    blocks, whose large ratios raise the variance of the t test; ranks are robust, but need seven blocks. Each test has half
+    of the false-alarm rate. The scale of every block's error is unknown, as in a predictive log score with estimated
+    variance.
 
     Parameters
     ----------
@@ -161,7 +163,7 @@ def predicts_better(log_ratios: Array, false_alarm_rate: float) -> bool:
     Returns
     -------
     bool
-        True if the mean log ratio is significantly positive.
+        True if the mean or the median log ratio is significantly positive.
 
     References
     ----------
@@ -171,7 +173,9 @@ def predicts_better(log_ratios: Array, false_alarm_rate: float) -> bool:
         return False
     if np.ptp(log_ratios) == 0.0:
         return bool(log_ratios[0] > 0.0)
-    return bool(stats.ttest_1samp(log_ratios, 0.0, alternative="greater").pvalue < false_alarm_rate)
+    of_mean = stats.ttest_1samp(log_ratios, 0.0, alternative="greater").pvalue
+    of_median = stats.wilcoxon(log_ratios, alternative="greater").pvalue
+    return bool(min(of_mean, of_median) < 0.5 * false_alarm_rate)
 
 
 def gap_closed(before: float, after: float, noise: float) -> float | None:

@@ -7,7 +7,7 @@ from typing import Any, Literal
 Values = Mapping[str, Any]
 """Parameter values by name: floats or arrays that broadcast against the signals."""
 
-Scan = Literal["", "delay", "period", "slope", "step"]
+Scan = Literal["", "delay", "period", "slope", "step", "resonance"]
 Reference = Literal[
     "",
     "displacement",
@@ -48,7 +48,8 @@ class Parameter:
         Trial values of the screening.
     scan : str
         Further trial values that the screening derives from the recordings: delays over the whole range, whole sample
-        periods, slopes down to that of a slow command, or steps of a converter. "" for none.
+        periods, slopes down to that of a slow command, steps of a converter, or resonances over the recorded band. ""
+        for none.
     signed : bool
         Whether negative values are allowed. An unsigned parameter is fitted in its logarithm.
     grain : float
