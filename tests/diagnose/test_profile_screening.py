@@ -66,3 +66,19 @@ def test_a_law_that_does_nothing_gains_nothing(screened):
     idle: Candidate = replace(gap, values={**gap.values, "gap": 1e6})
     (found,) = profile(whole, plain, [idle])
     assert found.log_likelihood_gain == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("hertz", [2.0, 6.0, 9.0])
+def test_a_resonance_is_found_far_from_the_first_screening(screened, hertz):
+    """Recordings of the model with a mass that swings at the port; the first screening proposes another frequency."""
+    whole, plain, candidates, _ = screened
+    values = {"mass": 0.02, "frequency": 40.0, "damping_ratio": 0.04}
+    far = replace(candidates[0], effect=EFFECTS["attached-oscillator"], values=values)
+    base = profile_screening._Base.of(whole, plain)
+    simulated = base.residuals
+    recorded = simulated(far, [{**far.values, "frequency": hertz}])[0]
+    base.residuals = lambda candidate, values: simulated(candidate, values) - recorded
+    base.residual = base.residual - recorded
+    best, *_ = profile_screening._resonances(base, far)
+    # half of the half-power bandwidth beside it, or half of the resolution of a recording
+    assert best["frequency"] == pytest.approx(hertz, rel=0.04, abs=0.5 / rig_oscillator.SECONDS)

@@ -75,6 +75,15 @@ def test_trial_slopes_reach_from_slow_targets_to_the_steepest_step():
     assert scan_values(p, Scales(step=1e-3, duration=8.0, highest_hz=5.0)).size == 0  # no command
 
 
+def test_trial_resonances_reach_over_the_recorded_band():
+    """From one period in a recording to the highest frequency, no resonance is further off than half a bandwidth."""
+    p = next(p for p in EFFECTS["attached-oscillator"].parameters if p.scan == "resonance")
+    values = scan_values(p, Scales(step=1e-3, duration=8.0, highest_hz=25.0))
+    assert (values[0], values[-1]) == pytest.approx((1.0 / 8.0, 25.0))
+    assert np.all(values[1:] / values[:-1] <= 1.0 + 2.0 * TRIAL_SCAN.damping_ratio + 1e-12)
+    assert len(scan_values(p, Scales(step=1e-3, duration=0.01, highest_hz=25.0))) == 1  # no period fits
+
+
 @pytest.mark.parametrize("command", [np.linspace(-1, 1, 4001), np.sin(np.linspace(0, 60, 4001))], ids=["ramp", "sine"])
 def test_some_trial_step_rounds_like_any_true_step(command):
     """The rounding error of the nearest trial correlates with that of any step down to a hundredth of the command."""

@@ -131,7 +131,8 @@ def graded(
 
     The unexplained share may belong to a law that explains the rest as well, so it bounds every probability. Beside
     parameters that refute the model, another error of the model is as likely as the effects, which halves the
-    probabilities. Effects of the same family that are as probable join the indistinguishable ones.
+    probabilities. Effects of the same family that are as probable join the indistinguishable ones, and the probability is
+    that of all of them: fitted recordings may prefer one form of a law, and hold-out recordings another.
 
     Parameters
     ----------
@@ -159,8 +160,11 @@ def graded(
     for finding in findings:
         own = shares.get(finding.effect, finding.probability)  # findings from the data alone have no rivals
         related = (t.effect for h, _ in choice.tried for t in h.terms if t.effect.family == finding.family)
-        alike = [e.physics for e in related if shares[e.physics] >= own]
-        out.append(replace(finding, probability=most * own, alike=tuple(dict.fromkeys([*finding.alike, *alike]))))
+        rivals = [e.physics for e in related if shares[e.physics] >= own]
+        alike = tuple(dict.fromkeys([*finding.alike, *rivals]))
+        names = {finding.effect, *alike}
+        of_any = sum(p for h, p in choice.tried if names & {t.effect.physics for t in h.terms}) / max(known, 1e-300)
+        out.append(replace(finding, probability=most * max(own, of_any), alike=alike))
     return tuple(out)
 
 

@@ -396,7 +396,7 @@ def _follows(checked: Sequence[Checked], *, model_kind: ModelKind, is_plausible:
 
 
 def _is_shown_within_model_error(choice: Choice, checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
-    """Return whether an effect stands out although the calibrated model is as good as models are.
+    """Return whether an effect stands out within the model error.
 
     Evidence beyond chance and every hold-out recording must show the effect. Beside mesh error any effect gains.
     """

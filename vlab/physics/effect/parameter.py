@@ -47,9 +47,9 @@ class Parameter:
     grid : tuple of float
         Trial values of the screening.
     scan : str
-        Further trial values that the screening derives from the recordings: delays over the whole range, whole sample
-        periods, slopes down to that of a slow command, steps of a converter, or resonances over the recorded band. ""
-        for none.
+        Further trial values that the screening derives from the recordings, "" for none. ``"delay"``: the whole range;
+        ``"period"``: whole sample periods; ``"slope"``: down to that of a slow command; ``"step"``: steps of a converter;
+        ``"resonance"``: frequencies over the recorded band.
     signed : bool
         Whether negative values are allowed. An unsigned parameter is fitted in its logarithm.
     grain : float
