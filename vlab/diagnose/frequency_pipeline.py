@@ -30,7 +30,7 @@ from vlab.diagnose.search.attempt import best_attempt
 from vlab.diagnose.search.cross_validation import LeftOut, cross_validate
 from vlab.diagnose.search.frequency_selection import FrequencyFound, search_frequency
 from vlab.diagnose.search.level_trials import has_levels
-from vlab.diagnose.settings import FREQUENCY_VERDICT
+from vlab.diagnose.settings import FREQUENCY_VERDICT, VERDICT
 from vlab.diagnose.validation.frequency import (
     CheckedFrequency,
     ExtendedFrequencyModel,
@@ -220,6 +220,9 @@ def _verdict(
 ) -> Verdict:
     """Return the verdict on checked data.
 
+    An explanation is complete where the residual is within noise and model error, or the gap nearly closed. It is partial
+    otherwise.
+
     Parameters
     ----------
     choice : Choice
@@ -245,7 +248,8 @@ def _verdict(
         ):
             return "none-of-these"
     elif choice.best.terms and explained and (gap is None or gap >= FREQUENCY_VERDICT.least_gap):
-        return "missing-physics"
+        is_complete = errors["after"] <= _allowed(FREQUENCY_VERDICT.above_noise, checked)
+        return "missing-physics" if is_complete or gap is None or gap >= VERDICT.nearly_all else "partly-explained"
     return "none-of-these" if errors["before"] > _allowed(FREQUENCY_VERDICT.above_noise, checked) else "nothing-missing"
 
 
