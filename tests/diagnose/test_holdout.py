@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from rig_folder import Channel, Record, write_case
 from test_reduced_model_inputs import MOTOR, RIG
 
 from vlab.cases import load_case
@@ -12,10 +13,12 @@ from vlab.diagnose.parameters.mjcf import uncertain_parameters
 from vlab.diagnose.parameters.recorded_runs import read_runs
 from vlab.diagnose.parameters.static_offset import remove_static_offsets
 from vlab.diagnose.parameters.unused_entries import unused
+from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.search.model_class import choose_model_class
 from vlab.diagnose.validation.simulation import ExtendedModel, check
 from vlab.errors import BadCase, BadStructure, UnknownName
+from vlab.physics.catalogue import EFFECTS
 from vlab.plants.linearise import linearise
 
 TIME = np.arange(1000) / 500
@@ -193,3 +196,47 @@ def test_equality_constraints_are_refused_in_one_line(tmp_path):
         linearise(case.plant.model)
     with pytest.raises(BadStructure, match="'gear'"):
         choose_model_class(case)
+
+
+ARM = """<mujoco model="arm at a voltage">
+  <option timestep="0.001" gravity="0 0 0"/>
+  <worldbody>
+    <body name="arm">
+      <joint name="theta" axis="0 0 1" armature="3e-4" damping="6e-4"/>
+      <geom type="sphere" size="0.01" mass="0.01"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="motor" joint="theta"/></actuator>
+  <sensor><jointpos name="theta" joint="theta"/></sensor>
+</mujoco>
+"""
+
+
+def test_a_spring_is_named_on_a_recording_of_its_static_deflection(tmp_path):
+    """The held-out recording hardly moves; a model without the spring runs away, one with the spring stays 0.15 rad off."""
+    inertia, damping, stiffness, moment, step, coarse = 3.1e-4, 6e-4, 2.5e-3, -5.63e-3, 1e-4, 0.003
+    angle, speed, angles = 0.0, 0.0, []
+    for _ in range(42000):
+        angles.append(angle)
+        speed += step * (moment - damping * speed - stiffness * angle) / inertia
+        angle += step * speed
+    read = np.round(np.array(angles)[::100] / coarse) * coarse
+    channels = [
+        Channel(column="command", at="motor", kind="moment", unit="N m", is_input=True, hold="zero"),
+        Channel(column="theta", at="theta", kind="angle", unit="rad"),
+    ]
+    records = [
+        Record(
+            name=name,
+            role=role,
+            columns={"command": np.full(len(own), moment), "theta": own},
+            rate_hz=100.0,
+            initial="auto",
+        )
+        for name, role, own in (("swing", "fit", read[:91]), ("settled", "holdout", read[330:415] + 0.15))
+    ]
+    write_case(tmp_path, title="arm", mjcf=ARM, uncertain={"inertia": 0.1}, channels=channels, records=records)
+    found = diagnose(load_case(tmp_path)).diagnosis
+    assert found.verdict in ("missing-physics", "partly-explained")
+    assert found.findings[0].family == EFFECTS["stiffness-to-ground"].family
+    assert found.findings[0].place == "joint:theta"

@@ -24,10 +24,11 @@ from vlab.diagnose.search.confirmation import Confirmation
 from vlab.diagnose.settings import ATTEMPT, EVIDENCE, MODEL_CHOICE
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import Distance, Part, part_of, whole_gap
-from vlab.diagnose.validation.simulation import Ablations, ExtendedModel, check
+from vlab.diagnose.validation.simulation import Ablations, ExtendedModel, check, spread_over
 from vlab.diagnose.verdict import closes_gap, decide_verdict, fit_note
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS
+from vlab.signals import Channel, Recording
 
 
 def distance(*, nominal=0.5, calibrated=0.4, after=0.02, noise=0.01, name="run", role="holdout", **others):
@@ -247,6 +248,29 @@ def test_an_attempt_that_explains_most_goes_before_one_that_explains_a_part():
     assert best_attempt(part_of_it, iter([most])) is most
     assert best_attempt(poor, iter([part_of_it, poor])) is part_of_it
     assert best_attempt(part_of_it, iter([most]), lambda a: a is part_of_it) is part_of_it  # the other is improbable
+
+
+def test_a_recording_that_hardly_moves_is_not_lost_at_its_own_deviation():
+    """The mean over this recording alone is a better prediction than any model; that over all recordings is not."""
+    still = {"nominal": 60.0, "calibrated": 60.0, "after": 3.9}
+    assert not attempt(distance(**still)).holds
+    assert attempt(distance(**still, spread={"y": 90.0})).holds
+    assert not attempt(
+        distance(**{**still, "nominal": 400.0, "calibrated": 400.0, "after": 91.0}, spread={"y": 90.0})
+    ).holds
+    assert distance(spread={"y": 0.2}).lost == distance().lost  # quieter recordings do not count
+
+
+def test_the_spread_is_that_of_all_recordings():
+    def run_of(values):
+        measured = Recording(
+            time=0.1 * np.arange(3), channels=(Channel(name="y", unit="m", kind="displacement"),), data=values[:, None]
+        )
+        return SimpleNamespace(measured=measured, compared=[SimpleNamespace(channel="y")])
+
+    one, other = np.array([1.0, 3.0, 5.0]), np.array([10.0, 10.5, 11.0])
+    runs = [run_of(one), run_of(other)]
+    assert spread_over(runs, runs[1]) == {"y": pytest.approx(np.std([*one, *other]) / np.std(other))}
 
 
 def test_parts_of_a_refuted_set_are_attempted_first():

@@ -9,7 +9,6 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.cases.checks import FileCheck
 from vlab.diagnose.parameters.terms import Fit
-from vlab.diagnose.settings import GAP
 from vlab.diagnose.validation.gap import Distance, explained_share, total, verifying, whole_gap
 
 ERRORS = {"nominal": "nominal", "refitted": "calibrated", "before": "before", "after": "after", "noise": "noise"}
@@ -146,7 +145,7 @@ class Attempt:
         before, after = total(tests, "before"), total(tests, "after")
         labels = {term.label for term in self.fit.terms}
         is_inert = bool(labels) and labels <= set(self.fit.unidentified)  # as a limit that nothing reaches
-        return bool(after < GAP.lost and not is_inert and (after < before or all(c.is_idle for c in tests)))
+        return bool(after < total(tests, "lost") and not is_inert and (after < before or all(c.is_idle for c in tests)))
 
     @property
     def is_of_the_fit_alone(self) -> bool:

@@ -42,7 +42,7 @@ def closes_gap(checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
     bool
         Whether the findings explain enough.
     """
-    if any(run.after >= GAP.lost or _has_lost_a_channel(run) for run in checked):
+    if any(run.after >= run.lost or _has_lost_a_channel(run) for run in checked):
         return False
     tests = verifying(checked)
     if _is_nearly_closed_in_most(tests):
@@ -72,7 +72,8 @@ def _is_complete(checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
 
 def _has_lost_a_channel(run: Checked) -> bool:
     """Return whether a model explains nothing of a channel."""
-    return any(after >= GAP.lost and noise < 0.5 * GAP.lost for _, _, after, noise in run.channels.values())
+    most = {name: GAP.lost * run.spread_of(name) for name in run.channels}
+    return any(after >= most[name] and noise < 0.5 * most[name] for name, (_, _, after, noise) in run.channels.items())
 
 
 def is_needed(choice: Choice, checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
@@ -255,7 +256,7 @@ def explains_part(checked: Sequence[Distance]) -> bool:
         return False
     start, after = total(tests, "start"), total(tests, "after")
     gain = EVIDENCE.model_error_samples * np.log(start / max(after, np.finfo(float).tiny))
-    return bool(after < GAP.lost and gain > MODEL_CHOICE.alike and _predicts_better(tests))
+    return bool(after < total(tests, "lost") and gain > MODEL_CHOICE.alike and _predicts_better(tests))
 
 
 def _predicts_better(checked: Sequence[Distance]) -> bool:

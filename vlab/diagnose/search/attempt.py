@@ -18,7 +18,7 @@ from vlab.diagnose.search.ablation import ablate
 from vlab.diagnose.settings import ATTEMPT, MODEL_CHOICE
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import total, verifying
-from vlab.diagnose.validation.simulation import ExtendedModel, SimulationCache, check, extended
+from vlab.diagnose.validation.simulation import ExtendedModel, SimulationCache, check, extended, spread_over
 from vlab.diagnose.verdict import explains_most, explains_part, family_share, has_plausible_parameters
 from vlab.physics.effect import Effect
 
@@ -83,7 +83,10 @@ class Trials:
             horizon_s=problem.horizon_s,
             cache=self.cache,
         )
-        return Attempt(findings=findings, fit=fit, checked=tuple(checked))
+        everything = [*problem.runs, *(run for run in self.runs if run not in problem.runs)]
+        spread = [spread_over(everything, run) for run in self.runs]
+        own = (replace(c, spread=s) for c, s in zip(checked, spread, strict=True))
+        return Attempt(findings=findings, fit=fit, checked=tuple(own))
 
     def on_fitted(self, fit: Fit, findings: Sequence[Finding]) -> tuple[Checked, ...]:
         """Return the errors of a fit on the fitted recordings.

@@ -4,15 +4,15 @@ The gap is the error of the model without findings minus the noise. Every findin
 removal.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
 from scipy import stats
 
-from vlab.diagnose.settings import MODEL_CHOICE
-from vlab.signals import Array
+from vlab.diagnose.settings import GAP, MODEL_CHOICE
+from vlab.signals import Array, rms
 
 D = TypeVar("D", bound="Distance")
 
@@ -65,6 +65,8 @@ class Distance:
         Log ratio of the mean-square errors of the model of `start` and the extended model, by block of the data.
     is_refuted : bool
         Whether the calibrated model has implausible parameters; the nominal model then remains.
+    spread : mapping of str to float
+        Standard deviation of a channel over all recordings of the case, relative to these data; 1 for absent channels.
     """
 
     name: str
@@ -80,6 +82,20 @@ class Distance:
     horizon_s: float = float("inf")
     log_ratios: Array = field(default_factory=lambda: np.zeros(0))
     is_refuted: bool = False
+    spread: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def lost(self) -> float:
+        """Error from which a model explains nothing.
+
+        The mean over all recordings of the case is as good a prediction. In a recording that hardly moves, the mean over this
+        recording alone would be far better than any model.
+        """
+        return GAP.lost * rms(np.array([self.spread_of(name) for name in self.channels])) if self.channels else GAP.lost
+
+    def spread_of(self, channel: str) -> float:
+        """Return a channel's spread over all recordings, at least that of these data [1]."""
+        return max(self.spread.get(channel, 1.0), 1.0)
 
     @property
     def incoherent(self) -> float:

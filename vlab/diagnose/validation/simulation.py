@@ -259,6 +259,35 @@ def _simulated(keys: Sequence[SimulationKey]) -> SimulationCache:
     return out
 
 
+def spread_over(recordings: Sequence[Run], run: Run) -> dict[str, float]:
+    """Return the standard deviation of every channel over all recordings, relative to one of them.
+
+    Parameters
+    ----------
+    recordings : sequence of Run
+        Recordings of the case.
+    run : Run
+        Recording of reference.
+
+    Returns
+    -------
+    dict
+        Spread by channel that moves in the recording of reference [1].
+    """
+
+    def values(own: Run, name: str) -> Array:
+        return own.measured[name][own.measured.is_read(name)]
+
+    names = [c.channel for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
+    return {
+        name: float(
+            np.std(np.concatenate([values(own, name) for own in recordings if name in own.measured.names]))
+            / np.std(values(run, name))
+        )
+        for name in names
+    }
+
+
 def with_finer_steps(model: ExtendedModel) -> ExtendedModel:
     """Return a model whose plant has a shorter time step."""
     return replace(model, plant=at_timestep(model.plant, model.plant.timestep / VALIDATION.finer))
