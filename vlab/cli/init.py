@@ -8,8 +8,9 @@ from typing import Any
 from vlab.cases.case import CASE
 from vlab.cases.draft import Draft, draft_case
 from vlab.cli.case_argument import OUTSIDE
-from vlab.cli.common import Outcome, text_table
+from vlab.cli.common import Outcome
 from vlab.cli.destination import OVERWRITE
+from vlab.cli.table import text_table
 from vlab.errors import OutputRefused
 from vlab.files.output_folder import made_parents
 from vlab.files.text import in_line

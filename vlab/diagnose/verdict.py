@@ -132,9 +132,7 @@ def residual_note(verdict: Verdict, checked: Sequence[Checked], *, model_kind: M
     if verdict not in NAMING or not model_kind.is_mismatch(errors["after"], errors["noise"]):
         return []
     times = errors["after"] / max(errors["noise"], 1e-300)
-    return [
-        f"the residual of the extended model is {times:.3g} times the noise: more may be missing; continue with vlab diagnose OUT/amended.toml"
-    ]
+    return [f"the residual of the extended model is {times:.3g} times the noise: more may be missing"]
 
 
 def is_incoherent(checked: Sequence[Checked]) -> bool:

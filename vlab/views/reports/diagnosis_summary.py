@@ -1,6 +1,7 @@
 """Summary of a diagnosis in plain sentences."""
 
 from vlab.cases.case import Case
+from vlab.diagnose.advice import share
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.pipeline import Diagnosed
 from vlab.files.text import as_sentence
@@ -31,11 +32,11 @@ def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
         if diagnosis.verdict == "unknown-law":
             return (
                 f"No effect of the catalogue explains the recordings; a tabulated force at {diagnosis.findings[0].site} explains "
-                f"{100 * (diagnosis.explained or 0.0):.0f} % of the mean-square mismatch on {where}."
+                f"{share(diagnosis.explained or 0.0)} of the mean-square mismatch on {where}."
             )
         if diagnosis.verdict != "missing-physics":
             return (
-                f"The model leaves out {names}, and more: the extended model explains {100 * (diagnosis.explained or 0.0):.0f} % of the "
+                f"The model leaves out {names}, and more: the extended model explains {share(diagnosis.explained or 0.0)} of the "
                 f"mean-square mismatch on {where}."
             )
         gap = errors["gap_closed"]
