@@ -3,6 +3,7 @@
 import argparse
 import json
 import shlex
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,8 @@ from vlab.units import quantity
 
 MOST_ROUNDS = 5
 """MOST_ROUNDS [1]: largest number of diagnoses of ``--until-noise``."""
+OF_CALIBRATION = ("sensor-gain@", "sensor-offset@")
+"""OF_CALIBRATION: labels of laws that calibrate a sensor."""
 DEFAULT = "out/diagnosis"
 """DEFAULT: folder of a diagnosis of logs, which is numbered."""
 OF_THE_FIT_ALONE = (
@@ -213,7 +216,7 @@ def _written(
     plain, notes = saved.get("mujoco"), saved.get("notes", [])
     document = {**diagnosis.to_json(), "notes": notes, "out": str(out), "mujoco": plain}
     on_files = map(in_line, notes[len(diagnosis.notes) :])
-    lines = ["", f"written to {out}", *_for_mujoco(plain, out), *on_files]
+    lines = ["", f"written to {out}", *_for_mujoco(plain, out, _named(diagnosis)), *on_files]
     if diagnosis.is_naming and (out / EXTENDED).is_file():
         document["next"] = _next_command(out, is_complete=diagnosis.is_complete)
         lines.append(f"next: {document['next']}")
@@ -231,13 +234,23 @@ def _next_command(out: Path, *, is_complete: bool) -> str:
     return shlex.join(["vlab", *words])
 
 
-def _for_mujoco(plain: dict[str, Any] | None, out: Path) -> list[str]:
-    """Return the lines on the files for MuJoCo alone."""
+def _named(diagnosis: Diagnosis) -> set[str]:
+    """Return the labels of the findings."""
+    return {f"{finding.name}@{place}" for finding in diagnosis.findings for place, _ in finding.places}
+
+
+def _for_mujoco(plain: dict[str, Any] | None, out: Path, named: Collection[str]) -> list[str]:
+    """Return the lines on the files for MuJoCo alone.
+
+    Gains and zeros of the sensors that are no findings belong to the calibration, and take one line.
+    """
     if not plain:
         return []
     lines = [f"for MuJoCo alone, in {Path(out) / FOLDER}: {', '.join(plain['files'])}"]
     lines += [f"  {in_line(label)}: {element} of the model" for label, element in plain["in_model"].items()]
-    lines += [f"  {in_line(label)}: law.py" for label in plain["in_law"]]
+    calibrated = {label for label in plain["in_law"] if label.startswith(OF_CALIBRATION) and label not in named}
+    lines += [f"  {in_line(label)}: law.py" for label in plain["in_law"] if label not in calibrated]
+    lines += ["  calibrated gains and zeros of the sensors: law.py"] if calibrated else []
     return lines + [
         f"  {in_line(label)}: not written, {in_line(reason)}" for label, reason in plain["not_written"].items()
     ]
