@@ -11,6 +11,7 @@ from vlab.diagnose.parameters.mjcf import Uncertain, prior_deviations
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.settings import ADVICE, GAP, MODEL_CHOICE
 from vlab.diagnose.validation.gap import Distance, total, whole_gap
+from vlab.files.text import in_digits
 from vlab.physics.catalogue import CANDIDATES, EFFECTS
 from vlab.physics.effect import Effect
 from vlab.physics.family import separating_measurement
@@ -244,7 +245,10 @@ def not_excluded(choice: Choice, verdict: str, reported: Sequence[Term]) -> tupl
         out.append("effects smaller than the noise and the uncertainty of the model")
     else:
         tried = [h for h, _ in choice.tried if h.terms]
-        out += [f"{h.label} was tried; its residual is {h.normalised_residual:.3g} times the noise" for h in tried[:3]]
+        out += [
+            f"{h.label} was tried; its residual is {in_digits(h.normalised_residual)} times the noise"
+            for h in tried[:3]
+        ]
         out.append("physics that is not in the catalogue")
     return tuple(out)
 

@@ -17,7 +17,7 @@ from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.pipeline import Diagnosed
 from vlab.diagnose.validation.gap import gap_closed, total, whole_gap
 from vlab.files.output_folder import finite
-from vlab.files.text import as_sentence
+from vlab.files.text import as_sentence, in_digits
 from vlab.physics.catalogue import EFFECTS
 from vlab.recordings.files import written_whole
 from vlab.standalone.answer import FOLDER
@@ -240,7 +240,7 @@ def _nothing(done: Done) -> tuple[str, ...]:
     if done.diagnosis.verdict == "nothing-missing":
         return (
             "No physics was added. The residual of the calibrated model is compared with the noise below; "
-            f"on the fit recordings the residual is {done.found.before.normalised_residual:.3g} times the noise.",
+            f"on the fit recordings the residual is {in_digits(done.found.before.normalised_residual)} times the noise.",
         )
     if done.diagnosis.verdict == "bad-recording":
         return ("These recordings were not searched.",)
@@ -366,10 +366,10 @@ def _alternatives(done: Done) -> Section:
         options.insert(0, (best.label if best.terms else NOTHING, share, best.normalised_residual))
     text = (
         f"Probabilities of the effects that were fitted, from the fit recordings alone ({RESERVED}), and the residual of each in multiples of "
-        f"the noise. The residual of the calibrated model without any effect is {before:.3g} times the noise."
+        f"the noise. The residual of the calibrated model without any effect is {in_digits(before)} times the noise."
         if is_told
         else "Residual of each fitted effect on the fit recordings, as a share of the residual of the calibrated model, and in multiples "
-        f"of the noise. The residual of the calibrated model without any effect is {before:.3g} times the noise.",
+        f"of the noise. The residual of the calibrated model without any effect is {in_digits(before)} times the noise.",
         as_sentence(RATIO_OF_SEARCH),
     )
     is_reported = any(f.form == t.effect.name for f in diagnosis.findings for t in best.terms)
