@@ -2,7 +2,7 @@
 
 import pytest
 
-from vlab.files.text import in_line, one_line, printable
+from vlab.files.text import in_digits, in_line, one_line, printable
 
 HOSTILE = {
     "colour": "\x1b[31mred\x1b[0m",
@@ -32,3 +32,11 @@ def test_plain_text_stays_as_it_is():
     assert one_line(" a\n\tb\u00a0c ") == "a b c"
     assert one_line("x" * 500) == "x" * 400 + "..."
     assert printable("\x1b\u202e\U000e0001") == "\\x1b\\u202e\\U000e0001"
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [(273.4, 2, "270"), (7941.0, 3, "7940"), (0.00123, 2, "0.0012"), (11.71, 3, "11.7"), (2.5e6, 2, "2.5e+06")],
+)
+def test_a_sentence_has_numbers_without_exponents(value, digits, text):
+    assert in_digits(value, digits) == text

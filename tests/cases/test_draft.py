@@ -11,7 +11,7 @@ from vlab.cases.case import load_case
 from vlab.cases.draft import draft_case
 from vlab.cases.draft.matching import leads
 from vlab.cases.places import numbered_from
-from vlab.errors import BadCase, BadRecording
+from vlab.errors import BadCase, BadRecording, BadStructure
 
 SLIDE = """<mujoco model="slide"><option timestep="0.001" gravity="0 0 0"/><worldbody><body name="carriage">
 <joint name="slide" type="slide" axis="1 0 0" stiffness="800" damping="6"/><geom type="box" size="0.05 0.05 0.05" mass="2"/>
@@ -254,6 +254,54 @@ def test_times_that_start_again_are_several_runs(arm, tmp_path):
     twice = {name: np.tile(values, 2) for name, values in (("t", time), ("elbow_flex_pos", one), ("u", other))}
     with pytest.raises(BadCase, match="start again"):
         draft_case(str(model), [write_table(tmp_path / "log.csv", **twice)], tmp_path)
+
+
+def test_one_repeated_time_stamp_is_no_new_run(arm, tmp_path):
+    model, _ = arm
+    time, one, other = swinging()
+    time[200] = time[199]
+    log = write_table(tmp_path / "log.csv", t=time, elbow_flex_pos=one, u=other)
+    with pytest.raises(BadCase, match="repeats in 1 of 400 samples, first in sample 200; delete"):
+        draft_case(str(model), [log], tmp_path)
+
+
+def test_a_column_with_a_word_among_numbers_is_named(arm, tmp_path):
+    model, _ = arm
+    time, one, other = swinging()
+    log = write_table(tmp_path / "log.csv", t=time, elbow_flex_pos=one, shoulder_pan_pos=other)
+    lines = log.read_text().splitlines()
+    lines[50] = ",".join([*lines[50].split(",")[:2], "ERR"])
+    log.write_text("\n".join(lines))
+    draft = draft_case(str(model), [log], tmp_path)
+    left = {part.label: part.why for part in draft.left_out}
+    assert "ERR" in left["shoulder_pan_pos"]
+    assert any("'shoulder_pan_pos' belongs to joint:shoulder_pan" in line for line in draft.unsure)
+    assert "shoulder_pan_pos" in draft.text
+
+
+def test_a_cut_last_line_is_said_once(arm, tmp_path):
+    model, _ = arm
+    time, one, other = swinging()
+    log = write_table(tmp_path / "log.csv", t=time, elbow_flex_pos=one, shoulder_pan_pos=other)
+    log.write_text(log.read_text() + "4.0,0.1\n")
+    with pytest.raises(BadRecording, match="line 402: 2 cells where 3 are expected") as raised:
+        draft_case(str(model), [log], tmp_path)
+    assert str(raised.value).count("line 402") == 1
+
+
+def test_two_samples_are_no_log(arm, tmp_path, recwarn):
+    model, _ = arm
+    log = write_table(tmp_path / "log.csv", t=np.array([0.0, 0.01]), elbow_flex_pos=np.array([0.1, 0.2]))
+    with pytest.raises(BadRecording, match="2 samples; a diagnosis needs at least 20"):
+        draft_case(str(model), [log], tmp_path)
+    assert not recwarn.list
+
+
+def test_a_robot_description_of_ros_says_how_to_convert_it(arm, tmp_path):
+    _, logs = arm
+    (tmp_path / "arm.xml").write_text('<robot name="arm"><link name="base"/></robot>')
+    with pytest.raises(BadStructure, match="URDF.*MjSpec.from_file"):
+        draft_case(str(tmp_path / "arm.xml"), logs, tmp_path)
 
 
 # ---- bad input ------------------------------------------------------------------------------------------------------

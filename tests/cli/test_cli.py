@@ -236,7 +236,7 @@ def test_a_divergence_is_one_line_and_status_1(capsys, tmp_path):
         (["prove", "."], "commitments.json"),
         (["prove", "/"], "no folder can stand beside the root"),
         (["show", "nowhere"], "no run.rrd here"),
-        (["dance"], "unknown command 'dance'; did you mean 'diagnose'? (accepted: demo, modes"),
+        (["dance"], "unknown command 'dance'; did you mean 'diagnose'? (accepted: demo, examples"),
         (["diagnos", "case.toml"], "unknown command 'diagnos'; did you mean 'diagnose'?"),
         (["modes", "--jsn"], "unknown option '--jsn'; did you mean '--json'?"),
         (["diagnose", "--out-folder=x"], "unknown option '--out-folder'; did you mean '--out'?"),

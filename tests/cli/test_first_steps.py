@@ -8,6 +8,9 @@ import pytest
 from arm_logs import ARM, write_arm, write_log
 from command import run
 
+from vlab.cli.diagnose import _next_command
+from vlab.diagnose.advice import share
+
 FRICTION = 0.15  # N m, in the elbow of the machine and not of the model
 
 
@@ -115,7 +118,7 @@ def test_check_says_what_diagnose_would_refuse(capsys, case, tmp_path):
     assert "next:" not in out
 
 
-def test_check_sees_contacts_along_the_recorded_motion(capsys, case, tmp_path):
+def test_contacts_along_the_recorded_motion_are_refused_before_any_search(capsys, case, tmp_path, monkeypatch):
     touching = ARM.replace('contype="0" conaffinity="0"', "").replace(
         "<worldbody>", '<worldbody><geom name="floor" type="plane" size="2 2 0.1" pos="0 0 0.1"/>'
     )
@@ -124,6 +127,33 @@ def test_check_sees_contacts_along_the_recorded_motion(capsys, case, tmp_path):
     status, out, _ = run(capsys, "check", str(wrong), "--allow-outside", "--json")
     assert status == 0
     assert any("touch in" in why and "floor" in why for why in json.loads(out)["refused"])
+
+    def searched(*args):
+        raise AssertionError("a linearisation about touching bodies may be singular")
+
+    monkeypatch.setattr("vlab.diagnose.pipeline.choose_model_class", searched)
+    status, out, err = run(capsys, "diagnose", str(wrong), "--allow-outside")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "touch in" in err
+
+
+@pytest.mark.parametrize(
+    ("part", "text"), [(0.5, "50 %"), (0.994, "99 %"), (0.99504, "99.5 %"), (0.99996, "99.99 %"), (1.0, "100 %")]
+)
+def test_all_is_explained_only_where_nothing_is_left(part, text):
+    assert share(part) == text
+
+
+def test_the_next_command_names_the_written_model():
+    assert _next_command(Path("out/emps"), is_complete=True) == "vlab compare out/emps/amended.toml"
+    on = "vlab diagnose 'out/my arm/amended.toml' --out 'out/my arm-2'"
+    assert _next_command(Path("out/my arm"), is_complete=False) == on
+
+
+def test_diagnose_alone_asks_for_a_case_and_for_no_log(capsys):
+    status, _, err = run(capsys, "diagnose")
+    assert status == 2
+    assert "required: case (" in err
 
 
 # ---- diagnose -------------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from command import run
 
-from vlab.cli.common import text_table
+from vlab.cli.table import text_table
 from vlab.files.assets import asset
 from vlab.views.rerun.viewer import start_viewer
 
@@ -82,6 +82,28 @@ def test_a_table_keeps_every_row_on_its_line():
     text = text_table(["name\x1b", "x"], [["a\nb", 1.0], ["c\rd", 2.0]])
     assert_harmless(text)
     assert len(text.split("\n")) == 4
+
+
+def test_a_table_fits_the_terminal_and_loses_no_word():
+    name, why = (
+        "/joint_trajectory/points/positions/shoulder_lift_joint",
+        "its name, and it is ahead of the readings " * 3,
+    )
+    text = text_table(["column", "why", "rms"], [[name, why, 0.25], ["t", None, 12.5]], width=70)
+    lines = text.split("\n")
+    assert max(map(len, lines)) <= 70
+    column = "".join(line[: lines[1].index(" ")].strip() for line in lines[2:-1])
+    assert column == name
+    words = [word for line in lines[2:-1] for word in line[lines[1].index(" ") :].split()]
+    assert sorted(words) == sorted([*why.split(), "0.25"])
+    assert text_table(["column", "why", "rms"], [[name, why, 0.25]]).count("\n") == 2  # whole lines in a pipe
+
+
+@pytest.mark.parametrize("width", [1, 10, 40])
+def test_a_table_that_cannot_fit_is_as_narrow_as_its_words(width):
+    text = text_table(["a heading", "b"], [["word", 1.0], ["", None]], width=width)
+    assert text.split("\n")[-1].strip() == "-"
+    assert "heading" in text
 
 
 @pytest.mark.slow

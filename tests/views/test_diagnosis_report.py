@@ -6,6 +6,7 @@ import math
 import re
 import shutil
 import tomllib
+from itertools import pairwise
 from types import SimpleNamespace
 
 import mujoco
@@ -296,7 +297,12 @@ def test_places_of_a_structure_are_its_points():
         middle = np.mean([beam.position(end) for end in ends], axis=0)
         assert place_position(plant, plant.new_data(), element, beam)[0][[0, 2]] == pytest.approx(middle)
     assert place_position(plant, plant.new_data(), "clamp", beam)[0][[0, 2]] == pytest.approx(beam.position("20in"))
-    assert "20in (90 %)" in to_svg(model_figure(plant, [("20in", 0.9)], structure=beam))
+    figure = model_figure(plant, [("20in", 0.9)], structure=beam)
+    assert "20in (90 %)" in to_svg(figure)
+    (axes,) = figure.axes
+    figure.canvas.draw()
+    boxes = [label.get_window_extent() for label in axes.get_xticklabels()]  # the beam is narrow and tall
+    assert all(one.x1 < other.x0 for one, other in pairwise(boxes))
 
 
 @pytest.mark.parametrize("name", ["beam", "grid"])

@@ -330,16 +330,17 @@ def _local_start(problem: StartProblem, state: State) -> State:
     """
     first = _stage(problem, STAGES[0]).run.measured
     time = first.time - first.time[0]
+    degree = min(3, time.size - 1)
     qpos, qvel, model = state.qpos.copy(), state.qvel.copy(), problem.bench.model
     for dof, (channel, unit) in problem.servoed.items():
-        told = np.polynomial.Polynomial.fit(time, unit * first[channel], 3)
+        told = np.polynomial.Polynomial.fit(time, unit * first[channel], degree)
         qpos[model.jnt_qposadr[model.dof_jntid[dof]]], qvel[dof] = told(0.0), told.deriv()(0.0)
     rest = problem.bench.rest_values(problem.run.compared)
     for i, c in enumerate(problem.run.compared):
         joint = joint_of(problem.bench.plant, c)
         if joint is None:
             continue
-        fitted = np.polynomial.Polynomial.fit(time, first[c.channel] + (rest[i] if c.from_rest else 0.0), 3)
+        fitted = np.polynomial.Polynomial.fit(time, first[c.channel] + (rest[i] if c.from_rest else 0.0), degree)
         dof, order = joint
         if order == 1:
             qvel[dof] = fitted(0.0)

@@ -29,25 +29,27 @@ from vlab.interrupts import STATUS as INTERRUPTED
 
 VERBS = {
     "demo": "Run the whole story on the beam: cross-check, controlled experiment, diagnosis, real recording",
-    "modes": "Compare the FE model, every plant and the published modes",
-    "design": "Design a control law on a model of a structure and judge it",
-    "experiment": "Simulate an experiment and write a run folder",
-    "effects": "List the catalogue of physics that a model can lack",
-    "modal-test": "Estimate frequency responses, poles and mode shapes from recordings",
-    "reproduce": "Reproduce the tables of the dissertation",
-    "correct": "Correct a reduced model by a simulated modal test of a deviating structure",
     "examples": "List the cases and recordings supplied with vlab, or copy them",
     "init": "Draft a case from a MuJoCo model and recordings",
     "check": "Check a case in seconds before a diagnosis: signs, units, delays, excitation, noise",
-    "columns": "List the columns of a recording with their ranges and units",
-    "compare": "Compare recordings of a case with the nominal model",
     "diagnose": "Find missing physics in a model from recordings",
+    "compare": "Compare recordings of a case with the nominal model",
+    "show": "Open a run in the Rerun viewer",
+    "columns": "List the columns of a recording with their ranges and units",
+    "effects": "List the catalogue of physics that a model can lack",
+    "modes": "Compare the FE model, every plant and the published modes",
+    "experiment": "Simulate an experiment and write a run folder",
+    "modal-test": "Estimate frequency responses, poles and mode shapes from recordings",
+    "design": "Design a control law on a model of a structure and judge it",
+    "correct": "Correct a reduced model by a simulated modal test of a deviating structure",
+    "reproduce": "Reproduce the tables of the dissertation",
     "conceal": "Generate cases with hidden physics and seal the truth",
     "prove": "Diagnose concealed cases, freeze the answers, open the truth and score",
-    "show": "Open a run in the Rerun viewer",
     "bench": "Time vlab beside the usual alternatives",
 }
-"""VERBS: commands with their help; each has a module of its name."""
+"""VERBS: commands with their help, a diagnosis first; each has a module of its name."""
+FIRST = "a model and logs of your own: vlab diagnose MODEL.xml LOG...   options of a command: vlab VERB --help"
+"""FIRST: last line of the help."""
 
 
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -88,7 +90,7 @@ def build_parser(chosen: str | None = None) -> argparse.ArgumentParser:
     ArgumentParser
         Parser of all commands.
     """
-    parser = _Parser(prog="vlab", allow_abbrev=False)
+    parser = _Parser(prog="vlab", allow_abbrev=False, epilog=FIRST)
     parser.description = "Simulate, control and diagnose flexible structures in a virtual laboratory on MuJoCo."
     parser.add_argument("--version", action="version", version=f"vlab {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", parser_class=_Parser)

@@ -4,7 +4,8 @@ import argparse
 import sys
 
 from vlab.benchmark.comparisons import as_document, run_bench
-from vlab.cli.common import Outcome, text_table
+from vlab.cli.common import Outcome
+from vlab.cli.table import text_table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -13,8 +13,9 @@ from vlab.cases.case import load_case
 from vlab.cases.checks.undriven import undriven, words_on
 from vlab.cases.compare import Comparison
 from vlab.cli.case_argument import OUTSIDE, add_case
-from vlab.cli.common import Outcome, share_bar, text_table
+from vlab.cli.common import Outcome, share_bar
 from vlab.cli.destination import add_out, check_out
+from vlab.cli.table import text_table
 from vlab.diagnose.precheck import ChannelCheck, Precheck, Remark, precheck_case
 from vlab.files.output_folder import finite, output_folder, write_manifest
 from vlab.files.text import in_line

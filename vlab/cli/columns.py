@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from vlab.cases.places import suggest
-from vlab.cli.common import Outcome, text_table
+from vlab.cli.common import Outcome
+from vlab.cli.table import text_table
 from vlab.files.examples import located
 from vlab.files.text import in_line
 from vlab.plants.base import Plant

@@ -1,14 +1,13 @@
-"""Shared parts of the commands: outcome, arguments, text tables, progress bars."""
+"""Shared parts of the commands: outcome, arguments, progress bars."""
 
 import argparse
 import contextlib
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from vlab.api.progress import SHARE_FORMAT, share_of
-from vlab.files.text import in_line
 from vlab.interrupts import Noted
 
 if TYPE_CHECKING:
@@ -94,44 +93,6 @@ def add_seed(parser: argparse.ArgumentParser, words: str, *, default: int | None
         Seed without the argument; None lets the command decide.
     """
     parser.add_argument("--seed", type=seed_number, default=default, help=words)
-
-
-def text_table(headers: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Return an aligned plain-text table, with numbers flush right.
-
-    Parameters
-    ----------
-    headers : sequence of str
-        Headings of the columns.
-    rows : sequence of sequence of object
-        Cells of each row.
-
-    Returns
-    -------
-    str
-        Lines of the table.
-    """
-    headers = [in_line(h) for h in headers]
-    cells = [[_show(cell) for cell in row] for row in rows]
-    widths = [max(len(h), *(len(row[i]) for row in cells), 0) if cells else len(h) for i, h in enumerate(headers)]
-    is_text = [any(isinstance(row[i], str) for row in rows) for i in range(len(headers))]
-
-    def line(parts: Sequence[str]) -> str:
-        return "  ".join(
-            p.ljust(w) if text else p.rjust(w) for p, w, text in zip(parts, widths, is_text, strict=True)
-        ).rstrip()
-
-    return "\n".join([line(headers), line(["-" * w for w in widths]), *(line(row) for row in cells)])
-
-
-def _show(cell: Any) -> str:
-    if cell is None:
-        return "-"
-    if isinstance(cell, bool):
-        return "yes" if cell else "no"
-    if isinstance(cell, float):
-        return f"{cell:.4g}" if abs(cell) < 1e-3 or abs(cell) >= 1e4 else f"{cell:.4f}".rstrip("0").rstrip(".")
-    return in_line(cell)
 
 
 class _Lines:

@@ -4,8 +4,9 @@ import argparse
 
 from vlab.cases.compare import compare_case
 from vlab.cli.case_argument import add_case
-from vlab.cli.common import Outcome, share_bar, text_table
+from vlab.cli.common import Outcome, share_bar
 from vlab.cli.destination import add_out, check_out
+from vlab.cli.table import text_table
 from vlab.files.output_folder import output_folder, write_manifest
 from vlab.files.text import in_line
 

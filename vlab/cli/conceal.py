@@ -3,7 +3,8 @@
 import argparse
 from pathlib import Path
 
-from vlab.cli.common import Outcome, add_seed, count_bar, text_table
+from vlab.cli.common import Outcome, add_seed, count_bar
+from vlab.cli.table import text_table
 from vlab.errors import BadExperiment
 from vlab.proof.campaign import ENGINES
 from vlab.proof.conceal import conceal_cases, regenerate_cases

@@ -3,8 +3,9 @@
 import argparse
 import json
 
-from vlab.cli.common import Outcome, add_seed, progress_bar, text_table
+from vlab.cli.common import Outcome, add_seed, progress_bar
 from vlab.cli.destination import add_out, check_out
+from vlab.cli.table import text_table
 from vlab.files.output_folder import finite, output_folder, write_manifest
 from vlab.files.text import in_line
 from vlab.reproduce.correction.pipeline import correct_by_test

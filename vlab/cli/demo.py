@@ -4,8 +4,9 @@ import argparse
 import sys
 import time
 
-from vlab.cli.common import Outcome, add_seed, text_table
+from vlab.cli.common import Outcome, add_seed
 from vlab.cli.destination import add_out, check_out, destination
+from vlab.cli.table import text_table
 from vlab.demo.story import run_demo
 from vlab.diagnose.advice import format_probability
 from vlab.files.output_folder import output_folder, write_manifest

@@ -8,8 +8,9 @@ import numpy as np
 from vlab import units
 from vlab.api.design import UNITS, design
 from vlab.api.law_argument import file_of
-from vlab.cli.common import Outcome, add_seed, text_table
+from vlab.cli.common import Outcome, add_seed
 from vlab.cli.destination import add_out, check_out
+from vlab.cli.table import text_table
 from vlab.controllers.catalogue import LAWS, laws_with_delay
 from vlab.controllers.lqdrf import KINDS
 from vlab.controllers.rate_feedback_design import PRINTED

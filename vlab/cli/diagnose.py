@@ -2,6 +2,8 @@
 
 import argparse
 import json
+import shlex
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +14,20 @@ from vlab.cases.case import CASE, Case
 from vlab.cases.draft import Draft, draft_case
 from vlab.cli.case_argument import add_case
 from vlab.cli.check import check_words, write_check
-from vlab.cli.common import Outcome, process_number, share_bar, text_table
+from vlab.cli.common import Outcome, process_number, share_bar
 from vlab.cli.destination import add_out, check_out, destination
 from vlab.cli.init import add_clock, draft_words, next_command
-from vlab.diagnose.advice import RESERVED, attempt_sentence, before_heading, format_probability
+from vlab.cli.table import text_table
+from vlab.diagnose.advice import (
+    RATIO_OF_SEARCH,
+    RESERVED,
+    attempt_sentence,
+    before_heading,
+    format_probability,
+    share,
+)
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding
+from vlab.diagnose.export import CASE as EXTENDED
 from vlab.diagnose.precheck import Precheck, precheck_case
 from vlab.errors import BadCase, BadExperiment
 from vlab.files.output_folder import check_output, output_folder, write_manifest
@@ -26,6 +37,8 @@ from vlab.units import quantity
 
 MOST_ROUNDS = 5
 """MOST_ROUNDS [1]: largest number of diagnoses of ``--until-noise``."""
+OF_CALIBRATION = ("sensor-gain@", "sensor-offset@")
+"""OF_CALIBRATION: labels of laws that calibrate a sensor."""
 DEFAULT = "out/diagnosis"
 """DEFAULT: folder of a diagnosis of logs, which is numbered."""
 OF_THE_FIT_ALONE = (
@@ -45,7 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     add_case(parser, "read this case folder with case.toml, or case file; or a model (MJCF .xml) before its logs")
     parser.add_argument(
-        "logs", nargs="*", metavar="LOG", help="draft the case from the model and these recordings, as vlab init does"
+        "logs",
+        nargs="*",
+        default=[],
+        metavar="LOG",
+        help="draft the case from the model and these recordings, as vlab init does",
     )
     add_clock(parser)
     parser.add_argument(
@@ -151,7 +168,7 @@ def _continued(arguments: argparse.Namespace, result: Answer, first: Outcome, ou
         return first
     rounds, texts, folder = [first.document], [first.text], out
     for later in (out.with_name(f"{out.name}-{k}") for k in range(2, MOST_ROUNDS + 1)):
-        diagnosis, case = result.done.diagnosis, folder / "amended.toml"
+        diagnosis, case = result.done.diagnosis, folder / EXTENDED
         if not diagnosis.is_naming or diagnosis.is_complete or not case.is_file():
             break
         result = _searched(arguments, load_case(case, allow_outside=arguments.allow_outside))
@@ -199,20 +216,41 @@ def _written(
     plain, notes = saved.get("mujoco"), saved.get("notes", [])
     document = {**diagnosis.to_json(), "notes": notes, "out": str(out), "mujoco": plain}
     on_files = map(in_line, notes[len(diagnosis.notes) :])
-    lines = ["", f"written to {out}", *_for_mujoco(plain, out), *on_files]
+    lines = ["", f"written to {out}", *_for_mujoco(plain, out, _named(diagnosis)), *on_files]
+    if diagnosis.is_naming and (out / EXTENDED).is_file():
+        document["next"] = _next_command(out, is_complete=diagnosis.is_complete)
+        lines.append(f"next: {document['next']}")
     if arguments.patch:
         document["patch"] = (out / FOLDER / PATCH).read_text(encoding="utf-8") if plain else ""
         lines += ["", document["patch"]]
     return document, lines
 
 
-def _for_mujoco(plain: dict[str, Any] | None, out: Path) -> list[str]:
-    """Return the lines on the files for MuJoCo alone."""
+def _next_command(out: Path, *, is_complete: bool) -> str:
+    """Return the line that goes on with an extended model."""
+    words = ["compare", str(out / EXTENDED)]
+    if not is_complete:
+        words = ["diagnose", str(out / EXTENDED), "--out", str(out.with_name(f"{out.name}-2"))]
+    return shlex.join(["vlab", *words])
+
+
+def _named(diagnosis: Diagnosis) -> set[str]:
+    """Return the labels of the findings."""
+    return {f"{finding.name}@{place}" for finding in diagnosis.findings for place, _ in finding.places}
+
+
+def _for_mujoco(plain: dict[str, Any] | None, out: Path, named: Collection[str]) -> list[str]:
+    """Return the lines on the files for MuJoCo alone.
+
+    Gains and zeros of the sensors that are no findings belong to the calibration, and take one line.
+    """
     if not plain:
         return []
     lines = [f"for MuJoCo alone, in {Path(out) / FOLDER}: {', '.join(plain['files'])}"]
     lines += [f"  {in_line(label)}: {element} of the model" for label, element in plain["in_model"].items()]
-    lines += [f"  {in_line(label)}: law.py" for label in plain["in_law"]]
+    calibrated = {label for label in plain["in_law"] if label.startswith(OF_CALIBRATION) and label not in named}
+    lines += [f"  {in_line(label)}: law.py" for label in plain["in_law"] if label not in calibrated]
+    lines += ["  calibrated gains and zeros of the sensors: law.py"] if calibrated else []
     return lines + [
         f"  {in_line(label)}: not written, {in_line(reason)}" for label, reason in plain["not_written"].items()
     ]
@@ -278,9 +316,7 @@ def _text(diagnosis: Diagnosis) -> str:
     verdict = OF_THE_FIT_ALONE if is_of_the_fit_alone else VERDICTS[diagnosis.verdict]
     lines = [in_line(diagnosis.title), "", verdict]
     if diagnosis.explained is not None:
-        lines.append(
-            f"Explained: {100 * diagnosis.explained:.0f} % of the mean-square mismatch on {_data_of(diagnosis)}."
-        )
+        lines.append(f"Explained: {share(diagnosis.explained)} of the mean-square mismatch on {_data_of(diagnosis)}.")
     lines.append("")
     for finding in diagnosis.findings:
         lines.append(
@@ -302,11 +338,11 @@ def _text(diagnosis: Diagnosis) -> str:
         lines.append(_errors(diagnosis))
     if diagnosis.alternatives:
         lines += ["", *_alternatives(diagnosis)]
-    lines += ["", "Not excluded: " + "; ".join(diagnosis.not_excluded) + "." if diagnosis.not_excluded else ""]
+    lines += ["", *(["Not excluded: " + "; ".join(diagnosis.not_excluded) + "."] if diagnosis.not_excluded else [])]
     lines += [
         f"Next measurement: {diagnosis.next_measurement}.",
         *map(in_line, diagnosis.notes),
-        f"{diagnosis.seconds:.0f} s",
+        f"the diagnosis took {diagnosis.seconds:.0f} s",
     ]
     return "\n".join(lines)
 
@@ -348,10 +384,11 @@ def _alternatives(diagnosis: Diagnosis) -> list[str]:
     tried = diagnosis.alternatives
     if all(a["probability"] is None for a in tried):
         rows = [[a["effect"], a["place"], a["remaining_share"], a["remaining"]] for a in tried]
-        return [text_table(["tried", "place", "residual / calibrated", "residual / noise"], rows)]
+        table = text_table(["tried", "place", "residual / calibrated", "residual / noise"], rows)
+        return [table, f"({RATIO_OF_SEARCH})"]
     rows = [[a["effect"], a["place"], format_probability(a["probability"]), a["remaining"]] for a in tried]
     table = text_table(["alternative", "place", "probability", "residual / noise"], rows)
-    return [table, f"({RESERVED})"]
+    return [table, f"({RESERVED})", f"({RATIO_OF_SEARCH})"]
 
 
 def _row(name: str, role: str, values: dict[str, Any]) -> list[Any]:

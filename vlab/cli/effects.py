@@ -3,7 +3,8 @@
 import argparse
 from typing import Any
 
-from vlab.cli.common import Outcome, text_table
+from vlab.cli.common import Outcome
+from vlab.cli.table import text_table
 from vlab.controllers.user_law import code_of
 from vlab.errors import UnknownName, unknown_name
 from vlab.physics.catalogue import ALIASES, EFFECT_FORM, EFFECTS, LAST_RESORT, effect_named, effects

@@ -6,7 +6,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from vlab.cli.common import Outcome, text_table
+from vlab.cli.common import Outcome
+from vlab.cli.table import text_table
 from vlab.errors import OutputRefused
 from vlab.files.assets import asset
 from vlab.files.examples import CASES, FILES, MAIN, PREFIX, Example, examples

@@ -8,8 +8,9 @@ from typing import Any
 from vlab.cases.case import CASE
 from vlab.cases.draft import Draft, draft_case
 from vlab.cli.case_argument import OUTSIDE
-from vlab.cli.common import Outcome, text_table
+from vlab.cli.common import Outcome
 from vlab.cli.destination import OVERWRITE
+from vlab.cli.table import text_table
 from vlab.errors import OutputRefused
 from vlab.files.output_folder import made_parents
 from vlab.files.text import in_line
@@ -98,8 +99,7 @@ def draft_words(draft: Draft) -> str:
     lines = [f"time: {in_line(stated)} ({in_line(clock.why)})", "", text_table(HEADERS, rows), ""]
     for part in draft.parts:
         files = ", ".join(path.name for path in part.paths)
-        extent = f" from {part.start_s:.12g} s" if part.start_s is not None else ""
-        extent += f" to {part.stop_s:.12g} s" if part.stop_s is not None else ""
+        extent = f" ({part.name})" if part.start_s is not None or part.stop_s is not None else ""
         extent += f" episodes {part.episodes[0]} to {part.episodes[-1]}" if part.episodes else ""
         use = "fitted" if part.role == "fit" else "held out, to verify what is found"
         lines.append(in_line(f"{use}: {files}{extent}"))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from vlab.cli.common import text_table
+from vlab.cli.table import text_table
 from vlab.errors import BadRecording
 from vlab.lab.excitation import Excitation, Release
 from vlab.lab.ring_down import ring_down

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from vlab.api.modal_test import Loaded, load_runs, modal_test
-from vlab.cli.common import Outcome, text_table
+from vlab.cli.common import Outcome
 from vlab.cli.destination import add_out, check_out
+from vlab.cli.table import text_table
 from vlab.errors import BadRecording, VlabError
 from vlab.files.arguments import unchecked
 from vlab.files.output_folder import output_folder, write_manifest

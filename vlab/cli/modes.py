@@ -4,8 +4,9 @@ import argparse
 
 import numpy as np
 
-from vlab.cli.common import Outcome, text_table
+from vlab.cli.common import Outcome
 from vlab.cli.destination import add_out, check_out
+from vlab.cli.table import text_table
 from vlab.errors import BadStructure
 from vlab.files.output_folder import output_folder, write_manifest
 from vlab.files.text import in_line

@@ -7,9 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from vlab.cli.common import Outcome, add_seed, count_bar, text_table
+from vlab.cli.common import Outcome, add_seed, count_bar
 from vlab.cli.conceal import add_engine
 from vlab.cli.prove_real import run_real
+from vlab.cli.table import text_table
 from vlab.errors import BadExperiment, OutputRefused
 from vlab.files.output_folder import numbered_folder
 from vlab.proof.conceal import conceal_cases

@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from vlab.cli.common import Outcome, count_bar, text_table
+from vlab.cli.common import Outcome, count_bar
+from vlab.cli.table import text_table
 from vlab.errors import BadExperiment
 from vlab.proof.real.prove import prove_real
 from vlab.proof.real.table import box_words, finding_words, key_words, metric_cells, percent

@@ -4,9 +4,10 @@ import argparse
 from collections.abc import Sequence
 from typing import Any
 
-from vlab.cli.common import Outcome, add_seed, progress_bar, share_bar, text_table
+from vlab.cli.common import Outcome, add_seed, progress_bar, share_bar
 from vlab.cli.destination import add_out, check_out, destination
 from vlab.cli.loop_summary import effort_table, ring_down_table
+from vlab.cli.table import text_table
 from vlab.errors import BadExperiment
 from vlab.files.output_folder import finite, output_folder, write_manifest
 from vlab.reproduce.control_bench import HARDWARE, TESTS

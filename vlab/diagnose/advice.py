@@ -1,5 +1,6 @@
 """Notes of a diagnosis: possibilities not excluded, and the next measurement."""
 
+import math
 from collections.abc import Collection, Sequence
 
 import numpy as np
@@ -10,6 +11,7 @@ from vlab.diagnose.parameters.mjcf import Uncertain, prior_deviations
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.settings import ADVICE, GAP, MODEL_CHOICE
 from vlab.diagnose.validation.gap import Distance, total, whole_gap
+from vlab.files.text import in_digits
 from vlab.physics.catalogue import CANDIDATES, EFFECTS
 from vlab.physics.effect import Effect
 from vlab.physics.family import separating_measurement
@@ -18,6 +20,29 @@ from vlab.signals import Array
 _AGAIN = "a repetition on another day, with the same excitation at a third of the level"
 RESERVED = f"{100 * MODEL_CHOICE.lapse:.2g} % of every probability is reserved for physics outside the catalogue"
 """Note on the probability of physics outside the catalogue."""
+
+
+RATIO_OF_SEARCH = (
+    "residual / noise: of the search, on the fit recordings, where the expected error of the model counts as noise"
+)
+"""Note on the residuals of alternatives, whose noise is not that of the table of errors."""
+
+
+def share(part: float) -> str:
+    """Return a share as a percentage that is 100 % only where nothing is left.
+
+    Parameters
+    ----------
+    part : float
+        Share [1].
+
+    Returns
+    -------
+    str
+        Percentage, whole, and with two decimals rounded down where it would read 100 %.
+    """
+    whole = f"{100 * part:.0f}"
+    return f"{math.floor(1e4 * part) / 100:g} %" if whole == "100" and part < 1.0 else f"{whole} %"
 
 
 def format_probability(probability: float) -> str:
@@ -220,7 +245,10 @@ def not_excluded(choice: Choice, verdict: str, reported: Sequence[Term]) -> tupl
         out.append("effects smaller than the noise and the uncertainty of the model")
     else:
         tried = [h for h, _ in choice.tried if h.terms]
-        out += [f"{h.label} was tried; its residual is {h.normalised_residual:.3g} times the noise" for h in tried[:3]]
+        out += [
+            f"{h.label} was tried; its residual is {in_digits(h.normalised_residual)} times the noise"
+            for h in tried[:3]
+        ]
         out.append("physics that is not in the catalogue")
     return tuple(out)
 

@@ -30,6 +30,7 @@ from vlab.diagnose.parameters.locations import check_candidates, limited
 from vlab.diagnose.parameters.shared_numbers import with_whole_gains
 from vlab.diagnose.parameters.static_offset import StaticOffset, remove_static_offsets
 from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.predictors.recorded_motion import refuse_recorded_contacts
 from vlab.diagnose.problem import Problem, model_kind_of
 from vlab.diagnose.search.ablation import wrong_offsets
 from vlab.diagnose.search.alternative_conventions import choose_convention
@@ -290,6 +291,7 @@ class _Pass:
 
     def _search(self, case: Case, file: FileCheck, static_offsets: Sequence[StaticOffset]) -> _Searched:
         """Return the result of the search."""
+        refuse_recorded_contacts(case)
         model_class = choose_model_class(case, self.effects)
         problem = model_class.problem
         check_candidates(self.effects, problem.places)

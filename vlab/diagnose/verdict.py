@@ -15,6 +15,7 @@ from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.settings import EVIDENCE, GAP, MODEL_CHOICE, PROBLEM, VERDICT
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import Distance, gap_closed, predicts_better, total, verifying
+from vlab.files.text import in_digits
 from vlab.physics.small_signal import is_linear
 
 
@@ -133,9 +134,7 @@ def residual_note(verdict: Verdict, checked: Sequence[Checked], *, model_kind: M
     if verdict not in NAMING or not model_kind.is_mismatch(errors["after"], errors["noise"]):
         return []
     times = errors["after"] / max(errors["noise"], 1e-300)
-    return [
-        f"the residual of the extended model is {times:.3g} times the noise: more may be missing; continue with vlab diagnose OUT/amended.toml"
-    ]
+    return [f"the residual of the extended model is {in_digits(times)} times the noise: more may be missing"]
 
 
 def is_incoherent(checked: Sequence[Checked]) -> bool:

@@ -2,6 +2,8 @@
 
 VOWELS, SPELT = "aeio", ("ndarray", "MjModel", "MjSpec", "MjData")
 """VOWELS: first letters of words with the article an. SPELT: names that begin with the sound of a letter's name."""
+MOST_PLAIN = 1e6
+"""MOST_PLAIN [1]: size of a number from which a sentence takes an exponent."""
 
 
 def printable(text: object, *, keep: str = "\n\t") -> str:
@@ -53,6 +55,25 @@ def one_line(text: object, *, longest: int = 400) -> str:
     spaced = "".join(" " if c.isspace() else c for c in str(text)[: 2 * longest])
     line = " ".join(printable(spaced).split())
     return line if len(line) <= longest else line[:longest] + "..."
+
+
+def in_digits(value: float, digits: int = 3) -> str:
+    """Return a number for a sentence, without an exponent up to a million.
+
+    Parameters
+    ----------
+    value : float
+        Number.
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    str
+        ``"7940"`` and not ``"7.94e+03"``.
+    """
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < MOST_PLAIN else text
 
 
 def _is_blank(c: str) -> bool:

@@ -21,6 +21,8 @@ MAX_BYTES = 50 * 1024**2
 MOST_PLACES = 100_000
 """MOST_PLACES [1]: largest number of candidate paths, names times directories. Real models have some hundred."""
 
+OF_URDF = "this is a URDF; convert the file with MuJoCo (mujoco.MjSpec.from_file(URDF).to_xml() gives the text of an MJCF) and add actuators"
+"""OF_URDF: remedy for a robot description in the format of ROS."""
 _DIRECTORIES = ("meshdir", "texturedir", "assetdir")
 _XML_FILES = ("include", "model")
 
@@ -266,7 +268,10 @@ def _parse(text: str, label: str) -> Any:
     except (ElementTree.ParseError, ValueError, RecursionError) as error:
         raise BadStructure(f"{label}: malformed XML: {one_line(error)}") from error
     if root.tag not in ("mujoco", "mujocoinclude"):
-        raise BadStructure(f"{label}: the root element is <{one_line(root.tag)}>; an MJCF file starts with <mujoco>")
+        remedy = f"; {OF_URDF}" if root.tag == "robot" else ""
+        raise BadStructure(
+            f"{label}: the root element is <{one_line(root.tag)}>; an MJCF file starts with <mujoco>{remedy}"
+        )
     return root
 
 

@@ -13,6 +13,8 @@ from vlab import units
 from vlab.recordings.table import Table
 from vlab.signals import Array
 
+REPEATED = "time, repeats"
+"""REPEATED: kind of a time column with equal neighbours that never goes back."""
 WORDS = {
     "time": (
         *("time", "timestamp", "stamp", "t", "x_value", "times", "timestamps", "seconds", "secs", "sec"),
@@ -165,7 +167,8 @@ def _of_column(table: Table, name: str) -> ColumnOverview:
     there = real[np.isfinite(real)]
     rate = _rate(there, unit) if kind == "time" else None
     if kind == "time" and there.size > 1 and not np.all(np.diff(there) > 0):
-        kind = f"time, starts again {int(np.sum(np.diff(there) <= 0))} times"
+        backward = int(np.sum(np.diff(there) < 0))
+        kind = f"time, starts again {backward} times" if backward else REPEATED
     return ColumnOverview(
         name=name,
         rows=len(values),

@@ -139,6 +139,8 @@ class Table:
             columns[name] = array
         if not columns:
             reasons = "; ".join(f"{name}: {why}" for name, why in list(self.refused.items())[:3])
+            if len(self.refused) > 1 and len(set(self.refused.values())) == 1:  # a fault of the file, not of a column
+                raise refuse(self.path, next(iter(self.refused.values())))
             raise refuse(
                 self.path,
                 f"no numeric column in the file{f' ({reasons})' if reasons else ''}",

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from vlab.cases.draft.logs import Log, LogClock, Part, choose_clock, divide, open_log
+from vlab.cases.draft.logs import Log, LogClock, Part, check_length, choose_clock, divide, open_log
 from vlab.cases.draft.matching import LeftOut, Match, Matched, match_columns, unused_places
 from vlab.cases.draft.model import open_model, relative, without_column
 from vlab.cases.draft.text import case_text
@@ -127,6 +127,7 @@ def draft_case(
     opened = open_model(model, folder)
     read = [open_log(path) for path in paths]
     clock = choose_clock(read[0], time=time, rate_hz=rate_hz)
+    check_length(read[0])
     matched = match_columns(read[0], opened.plant, clock.time)
     if not any(not match.is_input for match in matched.used):
         raise _no_output(read[0], opened.plant, matched, opened.hints)
@@ -134,7 +135,7 @@ def draft_case(
     channels = choose_units(read[0], clock, opened.plant, matched.used)
     clock, channels = _confirmed(read[0], clock, opened.plant, channels)
     parts = divide(kept, clock)
-    remarks = [*aside, *opened.hints, *_doubts(opened.plant, channels)]
+    remarks = [*matched.unread, *aside, *opened.hints, *_doubts(opened.plant, channels)]
     text = case_text(opened, folder, kept, parts, clock, channels, matched.left_out, remarks)
     doubtful = _doubtful(channels)
     if not clock.is_sure:
@@ -215,7 +216,8 @@ def _no_output(log: Log, plant: Plant, matched: Matched, hints: Sequence[str]) -
     names = [log.label(c.name) for c in log.columns]
     driven = [match.label for match in matched.used]
     found = f", only inputs ({', '.join(map(repr, driven))})" if driven else ""
-    why = f"; {hints[0]}" if hints else ""
+    reasons = [*matched.unread, *hints]
+    why = f"; {reasons[0]}" if reasons else ""
     return BadCase(
         f"{one_line(log.path)}: no column shows a sensor or joint of the model{found}; columns: "
         f"{', '.join(map(repr, names[:MOST_LISTED]))}; places: {', '.join(places[:MOST_LISTED]) or 'none'}{why}; "

@@ -9,10 +9,10 @@ import numpy as np
 
 from vlab import units
 from vlab.cases.channel_map import FAR_S
-from vlab.errors import BadCase, unknown_name
+from vlab.errors import BadCase, BadRecording, unknown_name
 from vlab.files.text import one_line
 from vlab.recordings.datasets import EPISODE, episodes_in, open_any, read_dataset
-from vlab.recordings.overview import ColumnOverview, kind_of, overview
+from vlab.recordings.overview import REPEATED, ColumnOverview, kind_of, overview
 from vlab.recordings.selection import parse_where, select_rows
 from vlab.recordings.table import MOST_LISTED, READERS, Table
 
@@ -20,6 +20,8 @@ EVEN = 0.2
 """EVEN [1]: largest spread of the steps of a column without a name of time, over their median, in a clock."""
 PERIODS, RATES = ("dt", "ts", "sample_time", "period_s"), ("fs", "rate_hz", "sample_rate", "samplerate", "fps")
 """PERIODS, RATES: names of a column with the sample period [s] or the sample rate [Hz]."""
+FEWEST = 20
+"""FEWEST [1]: fewest samples of a log, of which the last third is held out; fewer do not show the slowest motion."""
 HELD_OUT = 3
 """HELD_OUT [1]: one recording in so many is held out, and the last such share of a single one."""
 
@@ -182,6 +184,9 @@ def choose_clock(log: Log, *, time: str | None = None, rate_hz: float | None = N
     unread = [name for name in log.table.refused if kind_of(name) == "time"]
     for name in (name for name in unread if "time stamp" in log.table.refused[name]):
         log.table.real(name)  # raises the reason, as a column that grows evenly may be no time
+    repeated = next((c for c in log.columns if c.kind == REPEATED), None)
+    if repeated is not None:
+        raise _repeated_times(log, repeated)
     again = next((c for c in log.columns if c.kind.startswith("time, starts again")), None)
     if again is not None:
         raise BadCase(
@@ -200,6 +205,16 @@ def choose_clock(log: Log, *, time: str | None = None, rate_hz: float | None = N
     raise BadCase(
         f"{where}: no column counts the time (columns: {listed}); state the sample rate with --rate-hz, or the column with "
         "--time"
+    )
+
+
+def _repeated_times(log: Log, column: ColumnOverview) -> BadCase:
+    """Return the error for a time column with equal neighbours."""
+    steps = np.diff(log.table.real(column.name))
+    count = int(np.sum(steps == 0.0))
+    return BadCase(
+        f"{one_line(log.path)}: the time in column {one_line(column.name)!r} repeats in {count} of {len(steps) + 1} samples, first in "
+        f"sample {int(np.argmin(steps > 0.0)) + 1}; delete the repeated rows, or name another time column with --time"
     )
 
 
@@ -242,6 +257,26 @@ def _is_steady(values: np.ndarray) -> bool:
     steps = np.diff(values)
     middle = float(np.median(steps))
     return bool(np.all(steps > 0) and np.ptp(steps) <= EVEN * middle and not np.all(steps == 1.0))
+
+
+def check_length(log: Log) -> None:
+    """Refuse a log that is too short for a draft.
+
+    Parameters
+    ----------
+    log : Log
+        Log.
+
+    Raises
+    ------
+    BadRecording
+        The log has fewer than `FEWEST` samples.
+    """
+    rows = max(column.rows for column in log.columns)
+    if rows < FEWEST:
+        raise BadRecording(
+            f"{one_line(log.path)}: {rows} samples; a diagnosis needs at least {FEWEST}, and better some thousand; give a longer log"
+        )
 
 
 def divide(logs: Sequence[Log], clock: LogClock) -> tuple[Part, ...]:

@@ -16,7 +16,7 @@ from vlab.cases.draft.logs import Log
 from vlab.cases.places import Suggestion, actuators_of, is_in_name, joints_of, numbered_from, suggest
 from vlab.files.text import in_line
 from vlab.plants.base import ActuatorTap, Plant
-from vlab.recordings.overview import ColumnOverview, kind_of_unit
+from vlab.recordings.overview import ColumnOverview, kind_of, kind_of_unit
 from vlab.signals import KIND_UNITS, Array
 
 EFFORTS = ("moment", "force", "current", "voltage")
@@ -94,10 +94,11 @@ class LeftOut:
 
 @dataclass(frozen=True, kw_only=True)
 class Matched:
-    """Columns of a log, used and left out."""
+    """Columns of a log, used and left out, and remarks on unreadable ones."""
 
     used: tuple[Match, ...]
     left_out: tuple[LeftOut, ...]
+    unread: tuple[str, ...] = ()
 
 
 def feedback_of(plant: Plant, name: str) -> str:
@@ -177,12 +178,14 @@ def match_columns(log: Log, plant: Plant, clock: str | None) -> Matched:
     """
     first = numbered_from([log.label(c.name) for c in log.columns], len(joints_of(plant)))
     matcher = _Matcher(log, plant, first, clock)
+    for name, why in log.table.refused.items():
+        matcher.add_unread(name, why)
     for column in log.columns:
         if column.name != clock:
             matcher.add(column)
     matcher.tell_commands()
     matcher.take_the_only_ones()
-    return Matched(used=matcher.used(), left_out=tuple(matcher.left_out))
+    return Matched(used=matcher.used(), left_out=tuple(matcher.left_out), unread=tuple(matcher.unread))
 
 
 class _Matcher:
@@ -196,6 +199,7 @@ class _Matcher:
         self.candidates: list[Match] = []
         self.left_out: list[LeftOut] = []
         self.unplaced: list[ColumnOverview] = []
+        self.unread: list[str] = []
 
     # ---- single columns -------------------------------------------------------------------------------------------
 
@@ -222,6 +226,16 @@ class _Matcher:
         else:
             is_named = any(is_in_name(name, self._element(found)) for name in names)
             self._take(column, found, "its name" if is_named else "its number", is_sure=is_named)
+
+    def add_unread(self, name: str, why: str) -> None:
+        """Leave out a column without numbers, with a remark where its name says a place."""
+        label = in_line(self.log.label(name))
+        self._leave(label, f"it cannot be read: {in_line(why)}")
+        place = suggest(label, self.plant, first=self.first, kind=kind_of(name))
+        if place is not None:
+            self.unread.append(
+                f"column {label!r} belongs to {in_line(place.at)} by its name, and cannot be read: {in_line(why)}"
+            )
 
     def _take(self, column: ColumnOverview, found: Suggestion, why: str, *, is_sure: bool = True) -> None:
         label = self.log.label(column.name)

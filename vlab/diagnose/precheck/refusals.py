@@ -3,17 +3,14 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from vlab.cases.case import Case
 from vlab.cases.channel_map import Run
 from vlab.cases.checks import FileCheck
 from vlab.cases.initial_state import joint_of
 from vlab.diagnose.data.quality import assess_quality
 from vlab.diagnose.parameters.recorded_runs import read_runs
-from vlab.diagnose.predictors.scope import check_contacts, check_scope, is_linear
-from vlab.diagnose.predictors.trajectory_data import Motion
-from vlab.diagnose.problem import model_kind_of
+from vlab.diagnose.predictors.recorded_motion import moves_far, recorded_motions
+from vlab.diagnose.predictors.scope import check_contacts, check_scope
 from vlab.errors import VlabError
 from vlab.plants.base import ONE_WAY, Plant
 
@@ -43,40 +40,11 @@ def refusals(case: Case, runs: Sequence[Run], check: FileCheck) -> list[str]:
         out += assess_quality(runs, fitted, check).fatal
     try:
         read_runs(case, ("fit",))
-        if not model_kind_of(case).stays_linear and not is_linear(case.plant):
+        if moves_far(case):
             check_scope(case)
             check_contacts(case, recorded_motions(case.plant, fitted))
     except VlabError as error:
         out.append(str(error))
-    return out
-
-
-def recorded_motions(plant: Plant, runs: Sequence[Run]) -> list[Motion]:
-    """Return the motions of runs that record the position of every joint.
-
-    Parameters
-    ----------
-    plant : Plant
-        Model.
-    runs : sequence of Run
-        Recordings.
-
-    Returns
-    -------
-    list of Motion
-        Configurations (n, nq) and velocities (n, nv), zero here.
-    """
-    model: Any = plant.model
-    if any(int(kind) not in ONE_WAY for kind in model.jnt_type):
-        return []
-    out = []
-    for run in runs:
-        shown = {at[0]: c.channel for c in run.compared if (at := joint_of(plant, c)) is not None and at[1] == 0}
-        if len(shown) < model.nv:
-            continue
-        q = np.column_stack([run.measured[shown[dof]] for dof in range(model.nv)])
-        q = q[np.isfinite(q).all(axis=1)]
-        out.append(Motion(q=q, v=np.zeros_like(q)))
     return out
 
 

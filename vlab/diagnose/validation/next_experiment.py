@@ -21,6 +21,7 @@ from vlab.diagnose.settings import VALIDATION
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.simulation import ExtendedModel, extended
 from vlab.errors import BadCase, Diverged
+from vlab.files.text import in_digits
 from vlab.parallel import side_by_side
 from vlab.signals import Array
 
@@ -128,10 +129,8 @@ def in_words(found: Sequence[Experiment], one: str, other: str) -> str:
     best = found[0]
     recorded = max((e.separation for e in found if e.level == 1.0), default=0.0)
     how = "the excitation" if best.level == 1.0 else f"{best.level:.2g} times the excitation"
-    told = "" if best.level == 1.0 else f", and by at most {recorded:.2g} times at the recorded levels"
-    return (
-        f"{how} of {best.recording}: {one} and {other} differ there by {best.separation:.2g} times the residual{told}"
-    )
+    told = "" if best.level == 1.0 else f", and by at most {in_digits(recorded, 2)} times at the recorded levels"
+    return f"{how} of {best.recording}: {one} and {other} differ there by {in_digits(best.separation, 2)} times the residual{told}"
 
 
 def _can_be_scaled(run: Run) -> bool:

@@ -188,7 +188,13 @@ def response_figure(curves: Sequence[tuple[str, FrequencyResponse]], output: Cha
 
 @styled
 def mismatch_figure(
-    rows: Sequence[str], edges_hz: Array, bands: Array, times: Sequence[tuple[Array, Array]], *, title: str = ""
+    rows: Sequence[str],
+    edges_hz: Array,
+    bands: Array,
+    times: Sequence[tuple[Array, Array]],
+    *,
+    title: str = "",
+    scale: float | None = None,
 ) -> Figure:
     """Draw residuals of channels over frequency and time.
 
@@ -204,6 +210,8 @@ def mismatch_figure(
         Rms residual in moving windows over the rms of the channel [-], one pair per row.
     title : str
         Title of the figure.
+    scale : float or None
+        Residual of the brightest colour [-], to compare two figures; by default the largest of this one.
 
     Returns
     -------
@@ -214,7 +222,7 @@ def mismatch_figure(
     figure = Figure(figsize=(7.2, max(2.2, 1.4 + 0.3 * count)), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=[1.15, 1.0])
     values = np.concatenate([bands.ravel(), *[e for _, e in times]])
-    high = float(np.max(values, initial=1e-6))
+    high = float(np.max(values, initial=1e-6)) if scale is None else max(scale, 1e-6)
     norm = LogNorm(max(high / 1000, 1e-9), max(high, 2e-9))
     floor = norm.vmin or 1e-9
     left.pcolormesh(

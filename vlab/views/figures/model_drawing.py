@@ -19,6 +19,8 @@ LABELS = 16
 """LABELS [-]: number of joints above which only marked places have names."""
 LARGEST = 8.0
 """LARGEST [-]: size of a fixed geom, over that of all moving ones, above which it is not drawn."""
+MOST_TICKS = 8
+"""MOST_TICKS [1]: largest number of intervals between ticks of the horizontal axis, fewer on a narrow drawing."""
 _UP = np.array([0.0, 0.0, 1.0])
 _ROUND = np.linspace(0, 2 * np.pi, 24, endpoint=False)
 _BALL = np.array(
@@ -74,6 +76,8 @@ def model_figure(plant: Plant, marks: Sequence[tuple[str, float]], *, structure:
     axes.set(xlabel=f"{letters[0]} [m]", ylabel=f"{letters[1]} [m]", aspect="equal")
     axes.set_xlim(*_padded(seen.low[0], seen.high[0], seen.size))
     axes.set_ylim(*_padded(seen.low[1], seen.high[1], seen.size))
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    axes.locator_params(axis="x", nbins=max(2, min(MOST_TICKS, round(MOST_TICKS * (right - left) / (top - bottom)))))
     return figure
 
 

@@ -8,17 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from vlab.cases.misfit import BANDS, Misfit, misfit
-from vlab.diagnose.advice import RESERVED, attempt_sentence, before_heading, format_probability
+from vlab.cases.misfit import BANDS, misfit
+from vlab.diagnose.advice import RATIO_OF_SEARCH, RESERVED, attempt_sentence, before_heading, format_probability
 from vlab.diagnose.diagnosis import Finding, RejectedCase
 from vlab.diagnose.export import CASE, Done, ExtendedModelFiles, write_extended_model
 from vlab.diagnose.findings import TOLD
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.pipeline import Diagnosed
-from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import gap_closed, total, whole_gap
 from vlab.files.output_folder import finite
-from vlab.files.text import as_sentence
+from vlab.files.text import as_sentence, in_digits
 from vlab.physics.catalogue import EFFECTS
 from vlab.recordings.files import written_whole
 from vlab.standalone.answer import FOLDER
@@ -26,13 +25,12 @@ from vlab.views.figures import pretty_unit, to_svg
 from vlab.views.figures.diagnosis import (
     calibration_figure,
     force_figure,
-    mismatch_figure,
     ranking_figure,
 )
 from vlab.views.figures.diagnosis_response import responses
 from vlab.views.figures.model_drawing import model_figure
 from vlab.views.figures.restoring_force import restoring_force
-from vlab.views.reports.diagnosis_figures import drawn_terms, overlay, worst_first
+from vlab.views.reports.diagnosis_figures import drawn_terms, mismatch_picture, overlay, worst_first
 from vlab.views.reports.diagnosis_frequency import frequency_sections, write_frequency_scene
 from vlab.views.reports.diagnosis_summary import headline, summary, title_of, verdict_sentence
 from vlab.views.reports.page import Section, write_report
@@ -44,6 +42,8 @@ FIGURES = {"Measured, calibrated and extended": "overlay.svg", "The missing forc
 OVERLAYS = 4
 """OVERLAYS [-]: most channels drawn over time, the worst of every recording in turn."""
 NOTHING = "no added physics"
+OF_SHARES = "The column explains is the share of the mismatch that comes back without the effect, so the shares need not add up to 100 %."
+"""OF_SHARES: note on the shares of several effects."""
 VALUES = ("effect", "place", "parameter", "value", "unit", "90 % interval")
 ROWS = 24
 """ROWS [-]: most rows of the mismatch picture and of the calibrated parameters."""
@@ -217,7 +217,10 @@ def _found(done: Done) -> Section:
     )
     return Section(
         title="What was found",
-        text=tuple(f"{f.name}: {f.law}" for f in diagnosis.findings),
+        text=(
+            *(f"{f.name}: {f.law}" for f in diagnosis.findings),
+            *([OF_SHARES] if len(diagnosis.findings) > 1 else []),
+        ),
         tables=[(heads, table), (VALUES, _values(diagnosis.findings))],
     )
 
@@ -237,7 +240,7 @@ def _nothing(done: Done) -> tuple[str, ...]:
     if done.diagnosis.verdict == "nothing-missing":
         return (
             "No physics was added. The residual of the calibrated model is compared with the noise below; "
-            f"on the fit recordings the residual is {done.found.before.normalised_residual:.3g} times the noise.",
+            f"on the fit recordings the residual is {in_digits(done.found.before.normalised_residual)} times the noise.",
         )
     if done.diagnosis.verdict == "bad-recording":
         return ("These recordings were not searched.",)
@@ -363,10 +366,11 @@ def _alternatives(done: Done) -> Section:
         options.insert(0, (best.label if best.terms else NOTHING, share, best.normalised_residual))
     text = (
         f"Probabilities of the effects that were fitted, from the fit recordings alone ({RESERVED}), and the residual of each in multiples of "
-        f"the noise. The residual of the calibrated model without any effect is {before:.3g} times the noise."
+        f"the noise. The residual of the calibrated model without any effect is {in_digits(before)} times the noise."
         if is_told
         else "Residual of each fitted effect on the fit recordings, as a share of the residual of the calibrated model, and in multiples "
-        f"of the noise. The residual of the calibrated model without any effect is {before:.3g} times the noise.",
+        f"of the noise. The residual of the calibrated model without any effect is {in_digits(before)} times the noise.",
+        as_sentence(RATIO_OF_SEARCH),
     )
     is_reported = any(f.form == t.effect.name for f in diagnosis.findings for t in best.terms)
     chosen = 0 if is_reported or (diagnosis.verdict == "nothing-missing" and not best.terms) else -1
@@ -408,9 +412,10 @@ def _mismatch(done: Diagnosed) -> Section:
     parts = [
         (r, n, misfit(r.measured, r.standing, n, band_edges_hz=edges)) for r, n, _ in found if r.standing is not None
     ]
+    scale = max((float(np.max(m.window_nrmse, initial=m.nrmse)) for _, _, m in parts), default=None)
     figures = [
         (
-            _picture(parts, edges, what),
+            mismatch_picture(parts, edges, what, scale),
             f"Residual of {what}, without any hypothesis: by frequency band and over time.",
         )
     ]
@@ -423,18 +428,11 @@ def _mismatch(done: Diagnosed) -> Section:
         if with_physics:
             figures.append(
                 (
-                    _picture(with_physics, edges, "extended model"),
-                    "The same with the physics found, on a scale of its own.",
+                    mismatch_picture(with_physics, edges, "extended model", scale),
+                    "The same with the physics found, on the same colours.",
                 )
             )
     return Section(title="Where the mismatch is", text=text, figures=figures)
-
-
-def _picture(found: Sequence[tuple[Checked, str, Misfit]], edges: Sequence[float], title: str) -> str:
-    rows = [f"{run.name}: {name}" if len({r.name for r, _, _ in found}) > 1 else name for run, name, _ in found]
-    bands = np.array([m.nrmse * np.sqrt(m.band_share) for _, _, m in found])
-    times = [(m.window_time_s, m.window_nrmse) for _, _, m in found]
-    return to_svg(mismatch_figure(rows, np.array(edges), bands, times, title=title))
 
 
 def _calibration(done: Done) -> Section:
@@ -458,7 +456,7 @@ def _files(done: Done, files: ExtendedModelFiles) -> Section:
     what = "the physics found" if done.diagnosis.findings else "the calibrated parameters, no physics added"
     verb = "diagnose" if isinstance(done, FrequencyDiagnosed) else "compare"
     text = [
-        f"{', '.join(files.files)}: the model with {what}, and a case with the recordings, for `vlab {verb} {CASE}`."
+        f"{', '.join(files.files)}: the model with {what}, and a case with the recordings, for the command vlab {verb} {CASE}."
     ]
     checked = done.diagnosis.checked
     if not done.diagnosis.findings and total(checked, "calibrated") > total(checked, "nominal"):

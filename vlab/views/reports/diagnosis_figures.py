@@ -6,14 +6,15 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from vlab.cases.misfit import misfit
+from vlab.cases.misfit import Misfit, misfit
 from vlab.diagnose.export import Done
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.pipeline import Diagnosed
 from vlab.diagnose.validation.checked import Checked
 from vlab.signals import Recording
-from vlab.views.figures.diagnosis import force_figure, overlay_figure
+from vlab.views.figures import to_svg
+from vlab.views.figures.diagnosis import force_figure, mismatch_figure, overlay_figure
 from vlab.views.figures.restoring_force import restoring_force
 from vlab.views.reports.diagnosis_frequency import figures
 
@@ -122,3 +123,30 @@ def drawn_terms(done: Diagnosed) -> tuple[Term, ...]:
     tried = (done.choice.best, *done.found.hypotheses) if attempt is None else (attempt.fit,)
     forces = [t for h in tried for t in h.terms if t.effect.kind == "port"]
     return tuple(forces[:1])
+
+
+def mismatch_picture(
+    found: Sequence[tuple[Checked, str, Misfit]], edges: Sequence[float], title: str, scale: float | None
+) -> str:
+    """Return a drawing of residuals over frequency and time.
+
+    Parameters
+    ----------
+    found : sequence of (Checked, str, Misfit)
+        Recording, channel and residual of each row.
+    edges : sequence of float
+        Edges of the bands [Hz].
+    title : str
+        Title.
+    scale : float or None
+        Residual of the brightest colour [-]; by default the largest.
+
+    Returns
+    -------
+    str
+        SVG.
+    """
+    rows = [f"{run.name}: {name}" if len({r.name for r, _, _ in found}) > 1 else name for run, name, _ in found]
+    bands = np.array([m.nrmse * np.sqrt(m.band_share) for _, _, m in found])
+    times = [(m.window_time_s, m.window_nrmse) for _, _, m in found]
+    return to_svg(mismatch_figure(rows, np.array(edges), bands, times, title=title, scale=scale))

@@ -1,9 +1,10 @@
 """Summary of a diagnosis in plain sentences."""
 
 from vlab.cases.case import Case
+from vlab.diagnose.advice import share
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.pipeline import Diagnosed
-from vlab.files.text import as_sentence
+from vlab.files.text import as_sentence, in_digits
 from vlab.views.reports.page import Headline
 
 
@@ -31,11 +32,11 @@ def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
         if diagnosis.verdict == "unknown-law":
             return (
                 f"No effect of the catalogue explains the recordings; a tabulated force at {diagnosis.findings[0].site} explains "
-                f"{100 * (diagnosis.explained or 0.0):.0f} % of the mean-square mismatch on {where}."
+                f"{share(diagnosis.explained or 0.0)} of the mean-square mismatch on {where}."
             )
         if diagnosis.verdict != "missing-physics":
             return (
-                f"The model leaves out {names}, and more: the extended model explains {100 * (diagnosis.explained or 0.0):.0f} % of the "
+                f"The model leaves out {names}, and more: the extended model explains {share(diagnosis.explained or 0.0)} of the "
                 f"mean-square mismatch on {where}."
             )
         gap = errors["gap_closed"]
@@ -65,8 +66,8 @@ def _ratio(error: float | None, noise: float | None) -> str:
     if error is None:
         return "unbounded"
     if not noise:
-        return f"{100 * error:.3g} % of the recordings' rms"
-    return f"{100 * error:.3g} % of the recordings' rms, {error / noise:.3g} times the noise,"
+        return f"{in_digits(100 * error)} % of the recordings' rms"
+    return f"{in_digits(100 * error)} % of the recordings' rms, {in_digits(error / noise)} times the noise,"
 
 
 BADGES = {
@@ -104,7 +105,7 @@ def headline(done: Diagnosed | FrequencyDiagnosed, *, is_in_folder: bool = True)
         named = [(f"error of the {before} model {where}", "nrmse_before")]
         named += [("error of the extended model", "nrmse_after")] if diagnosis.is_naming else []
         named.append(("noise", "nrmse_noise"))
-        pair = [(label, f"{100 * errors[key]:.3g} %") for label, key in named if errors[key] is not None]
+        pair = [(label, f"{in_digits(100 * errors[key])} %") for label, key in named if errors[key] is not None]
     command = "vlab show ."
     if diagnosis.is_naming:
         command = "vlab compare amended.toml" if diagnosis.is_complete else "vlab diagnose amended.toml --out ../next"
