@@ -82,7 +82,9 @@ def test_a_partial_explanation_improves_every_recording():
 
 
 def test_the_explained_share_is_of_the_mean_square():
-    assert explained_share([distance(nominal=0.5, calibrated=0.4, after=0.2)]) == pytest.approx(0.75)
+    assert explained_share([distance(nominal=0.5, calibrated=0.4, after=0.2, noise=0.0)]) == pytest.approx(0.75)
+    assert explained_share([distance(nominal=0.5, calibrated=0.4, after=0.2, noise=0.2)]) == pytest.approx(1.0)
+    assert explained_share([distance(nominal=0.5, calibrated=0.4, after=0.2, noise=0.4)]) is None
     assert explained_share([distance(nominal=0.0, calibrated=0.0, after=0.0)]) is None
     assert explained_share([distance(nominal=np.inf, calibrated=np.inf, after=0.1)]) == 1.0
 

@@ -252,7 +252,7 @@ def whole_gap(checked: Sequence[Distance]) -> float | None:
 def explained_share(checked: Sequence[Distance]) -> float | None:
     """Return the share of the mismatch that the extended model explains.
 
-    The mismatch is the mean square of `Distance.before`. Noise counts as unexplained.
+    The mismatch is the mean square of `Distance.before` beyond the noise, which no physics explains.
 
     Parameters
     ----------
@@ -262,15 +262,15 @@ def explained_share(checked: Sequence[Distance]) -> float | None:
     Returns
     -------
     float or None
-        Share, negative for a worse extended model; None without any mismatch.
+        Share, negative for a worse extended model; None within the noise.
     """
     tests = verifying(checked)
-    before, after = total(tests, "before"), total(tests, "after")
-    if not before > 0.0:
+    before, after, noise = (total(tests, key) for key in ("before", "after", "noise"))
+    if not before > noise:
         return None
     if not np.isfinite(before):
         return 1.0 if np.isfinite(after) else 0.0
-    return 1.0 - (after / before) ** 2 if np.isfinite(after) else -np.inf
+    return (before**2 - after**2) / (before**2 - noise**2) if np.isfinite(after) else -np.inf
 
 
 def total(checked: Sequence[Distance], which: str) -> float:
