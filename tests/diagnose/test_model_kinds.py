@@ -13,7 +13,7 @@ from vlab.diagnose.model_kinds.meshed_structure import STRUCTURE, MeshedStructur
 from vlab.diagnose.model_kinds.mjcf_model import MjcfModel
 from vlab.diagnose.model_kinds.model_kind import CalibratedModel, ModelKind
 from vlab.diagnose.parameters.structure import structure_parameters
-from vlab.diagnose.settings import PROBLEM, VERDICT
+from vlab.diagnose.settings import MESHED_STRUCTURE, PROBLEM, VERDICT
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS
 from vlab.plants import build_plant
@@ -39,6 +39,11 @@ def test_a_mesh_allows_a_larger_residual():
     assert MjcfModel().own_error < BEAM.own_error
     assert MjcfModel().holdout_error < BEAM.holdout_error
     assert MjcfModel().correlated_error == 0.0 < BEAM.correlated_error
+
+
+def test_only_the_modes_of_a_mesh_need_recordings_that_excite_them():
+    assert MjcfModel().predicted_band(20.0) == np.inf
+    assert BEAM.predicted_band(20.0) == 20.0 * MESHED_STRUCTURE.band > 20.0
 
 
 @pytest.mark.parametrize(("kind", "least"), [(MjcfModel(), VERDICT.least_misfit), (BEAM, PROBLEM.mesh_own_error)])

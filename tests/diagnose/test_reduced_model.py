@@ -227,16 +227,18 @@ def test_what_is_fitted_on_the_twin_has_its_frequencies_in_the_rebuilt_plant(bea
     np.testing.assert_allclose(same.eigen[0], linear.eigen[0], rtol=1e-9)
 
 
-def test_sensors_beside_their_points_read_what_a_rebuilt_plant_reads(beam, tmp_path):
+def test_coils_and_sensors_beside_their_points_push_and_read_what_a_rebuilt_plant_reads(beam, tmp_path):
     experiment = Experiment(plant=build_plant(beam), seconds=1.0, excitation=Multisine(level=0.05), excite="base")
     write_recording(run_experiment(experiment).recording, tmp_path / "run.parquet")
     (tmp_path / "case.toml").write_text(BEAM_CASE.format(plant="composite", kind="excitation"))
     problem = prepare(corrected(load_case(tmp_path)))
     reduced_model, theta = problem.reduced_model, np.zeros(len(problem.parameters))
     places = [i for i, p in enumerate(problem.parameters) if p.kind == "place"]
-    assert len(places) == len(reduced_model.shifts) > 0
+    assert len(places) == len(reduced_model.shifts) + len(reduced_model.coil_shifts)
+    assert len(reduced_model.shifts) == len(reduced_model.coil_shifts) == 1
     theta[places] = 1e-3 * np.resize([1.0, -2.0], len(places))
-    moved = channel_rows(problem.adjusted(theta), problem.channels).onto(reduced_model.shapes)
+    rebuilt = problem.adjusted(theta)
+    moved = channel_rows(rebuilt, problem.channels).onto(reduced_model.shapes)
     ours, before = reduced_model.rows_at(theta), reduced_model.rows
     for part in ("at_q", "at_v"):
         change = getattr(moved, part) - getattr(before, part)
@@ -249,6 +251,11 @@ def test_sensors_beside_their_points_read_what_a_rebuilt_plant_reads(beam, tmp_p
             atol=1e-3 * max(np.abs(change).max(), 1e-12),  # their shapes are carried over at the points
         )
     assert np.abs(moved.at_v - before.at_v).max() > 1e-3 * np.abs(before.at_v).max()
+    coil = reduced_model.coil_shifts[0].actuator
+    change = ((rebuilt.actuator_forces() - problem.plant.actuator_forces()).T @ reduced_model.shapes)[coil]
+    ours = (reduced_model.forces_at(theta[None])[0] - reduced_model.forces)[:, coil]
+    np.testing.assert_allclose(ours[in_band], change[in_band], atol=1e-3 * np.abs(change).max())
+    assert np.abs(change).max() > 1e-3 * np.abs(reduced_model.forces).max()
 
 
 def test_only_a_coarse_mesh_gets_the_modes_of_the_fe_model(beam, tmp_path, short):

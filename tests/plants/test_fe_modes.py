@@ -1,20 +1,23 @@
 """A plant's first modes as the FE model has them: in steps, at every place, at coils and sensors, and beside these."""
 
 import dataclasses
+from itertools import pairwise, zip_longest
 
 import mujoco
 import numpy as np
 import pytest
 
-from vlab.errors import BadStructure
+from vlab.errors import BadStructure, UnknownName
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
 from vlab.plants import build_plant
 from vlab.plants.tendon_points import fe_element_ports
-from vlab.structure.model import Tuning
+from vlab.structure import load_structure
+from vlab.structure.model import Span, Tuning
 
 COUNT = 7
 SHIFT = (2e-3, 0.0, -1e-3)
+COIL_SHIFT = (0.0, 1.5e-3)
 
 
 @pytest.fixture(scope="module")
@@ -24,10 +27,9 @@ def fe(beam):
 
 @pytest.fixture(scope="module")
 def like(beam):
-    """The beam's links with the FE model's modes in steps of half a millisecond, and two sensors beside their points."""
-    return build_plant(
-        dataclasses.replace(beam, tuning=Tuning(of_fe=COUNT, at_step=5e-4, beside=SHIFT)), "composite", "physical"
-    )
+    """The beam's links with the FE model's modes in steps of half a millisecond; two sensors and a coil beside their points."""
+    tuning = Tuning(of_fe=COUNT, at_step=5e-4, beside=SHIFT, coils_beside=COIL_SHIFT)
+    return build_plant(dataclasses.replace(beam, tuning=tuning), "composite", "physical")
 
 
 def modes(fe, plant):
@@ -77,15 +79,16 @@ def test_every_port_sees_them_as_the_fe_model_does(fe, like):
             assert (moved - port.position(data)) / 1e-6 == pytest.approx((row @ x)[1], abs=1e-4 * np.abs(row @ x).max())
 
 
-def test_coils_push_and_sensors_read_them_so_sensors_beside_their_points(fe, like):
+def test_coils_push_and_sensors_read_them_both_beside_their_points(fe, like):
     _, x, _, x1 = modes(fe, like)
     data = like.new_data()
-    for j, coil in enumerate(fe.structure.coil):
+    for j, (coil, beside) in enumerate(zip_longest(fe.structure.coil, COIL_SHIFT, fillvalue=0.0)):
         command = np.zeros(len(like.actuators))
         command[j] = 1.0
         data.ctrl[:] = like.control_matrix @ command
         mujoco.mj_forward(like.model, data)
-        np.testing.assert_allclose(x1.T @ data.qfrc_actuator, fe.deflection(coil.at) @ x, atol=1e-8)
+        pushed = fe.deflection(coil.at) + beside * fe.slope(coil.at)
+        np.testing.assert_allclose(x1.T @ data.qfrc_actuator, pushed @ x, atol=1e-8)
     data.ctrl[:] = 0.0
     data.qvel[:] = x1[:, 2]
     mujoco.mj_forward(like.model, data)
@@ -120,3 +123,43 @@ def test_the_slope_is_that_of_the_deflection(fe):
 def test_what_makes_no_sense_is_refused(beam, tuning, message):
     with pytest.raises(BadStructure, match=message):
         build_plant(dataclasses.replace(beam, tuning=Tuning(**tuning)), "composite", "physical")
+
+
+@pytest.mark.parametrize("name", ["beam", "crosspiece"])
+def test_a_bar_with_the_same_deviation_in_every_span_is_a_bar_of_another_section(beam, name):
+    bar = next(bar for bar in beam.bar if bar.name == name)
+    spans = tuple(
+        Span(name=f"{a}-{b}", bar=bar.name, between=(b, a), stiffness=1.1, mass=0.95) for a, b in pairwise(bar.points)
+    )
+    section = {**beam.section, bar.section: beam.section[bar.section].scaled(stiffness=1.1, mass=0.95)}
+    there, here = (
+        build_fe_model(dataclasses.replace(beam, **what), "physical").linear
+        for what in ({"span": spans}, {"section": section})
+    )
+    np.testing.assert_allclose(there.M, here.M, rtol=0, atol=1e-12 * np.abs(here.M).max())
+    np.testing.assert_allclose(there.K, here.K, rtol=0, atol=1e-12 * np.abs(here.K).max())
+
+
+def test_every_plant_has_the_deviations_of_its_spans(beam):
+    grid = load_structure("grid")
+    for structure, bar, between, variant in (
+        (beam, "beam", ("30in", "40in"), "physical"),
+        (grid, grid.bar[0].name, grid.bar[0].points[:2], "published"),
+    ):
+        span = Span(name="soft", bar=bar, between=between, stiffness=0.8, mass=1.05)
+        deviant = dataclasses.replace(structure, span=(span,))
+        shifts = []
+        for plant in ("composite", "fe"):
+            w, w1 = (build_plant(s, plant, variant).linearise().eigen[0][:8] for s in (structure, deviant))
+            shifts.append(np.log(w1 / w))
+        # links take the stiffness of a span at their hinges: a coarse copy of the FE model
+        assert shifts[0] == pytest.approx(shifts[1], abs=0.3 * np.abs(shifts[1]).max())
+        assert np.abs(shifts[1]).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("bar", "between", "known"), [("beem", ("30in", "40in"), "crosspiece"), ("beam", ("30in", "50in"), "30in-40in")]
+)
+def test_a_span_names_a_bar_and_neighbouring_points(beam, bar, between, known):
+    with pytest.raises(UnknownName, match=known):
+        dataclasses.replace(beam, span=(Span(name="soft", bar=bar, between=between),))

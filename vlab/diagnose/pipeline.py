@@ -378,7 +378,8 @@ class _Pass:
                 finer_case = replace(self.whole_case, plant=with_finer_steps(trials.nominal).plant)
                 return replace(self, whole_case=finer_case, told=told, checked_file=searched.file)
             judged = replace(judged, notes=(coarse,))
-        judged = replace(judged, verdict=verdict, tried=tried)
+        notes = (*judged.notes, *(note for checked in tried.checked for note in checked.notes))
+        judged = replace(judged, verdict=verdict, tried=tried, notes=notes)
         return self._graded(searched, judged, trials) if verdict == "none-of-these" else judged
 
     def _graded(self, searched: _Searched, judged: _Judged, trials: Trials) -> _Judged:

@@ -192,7 +192,7 @@ def _element_matrices(element: Element, mesh: Mesh, line: HangingLine | None) ->
     start_tension = end_tension = start_rigid_tension = end_rigid_tension = 0.0
     if line is not None:
         lower, upper = sorted((mesh.nodes[element.start].z, mesh.nodes[element.end].z))
-        above_lower, at_upper = line.tension(lower), line.tension(lower) + line.weight_per_length * (upper - lower)
+        above_lower, at_upper = line.tension(lower), line.tension(lower) + line.weight(lower, upper)
         low, high = (above_lower, at_upper) if direction[1] > 0 else (at_upper, above_lower)
         share = np.array([element.rigid_start, element.length - element.rigid_end]) / element.length
         start_tension, end_tension = low + (high - low) * share

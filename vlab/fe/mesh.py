@@ -102,12 +102,12 @@ def build_mesh(structure: Structure, variant: Variant, *, refine: int = 1) -> Me
 
 
 def _mesh_bar(structure: Structure, bar: Bar, per_span: int, nodes: list[Node], index: dict[str, int]) -> list[Element]:
-    section = structure.section[bar.section]
     origin = np.array(structure.position(bar.points[0]))
     elements: list[Element] = []
     for first, last in zip(bar.points[:-1], bar.points[1:], strict=True):
         a, b = np.array(structure.position(first)), np.array(structure.position(last))
         span = float(np.hypot(*(b - a)))
+        section = structure.section_between(bar, first, last)
         rigid = structure.clamp_length(first), structure.clamp_length(last)
         piece = (span - sum(rigid)) / per_span
         begin = float(np.hypot(*(a - origin)))

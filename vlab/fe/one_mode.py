@@ -98,7 +98,7 @@ def one_mode_bar(structure: Structure, name: str) -> OneModeBar:
         The bar has no two equal arms with equal tips about a clamp.
     """
     bar = next(b for b in structure.bar if b.name == name)
-    section = structure.section[bar.section]
+    section = structure.section_between(bar, bar.points[0], bar.points[-1])
     clamps = [c for c in structure.clamp if c.at in bar.points[1:-1]]
     if len(bar.points) != 3 or len(clamps) != 1:
         raise BadStructure(

@@ -1,6 +1,7 @@
 """Statics of vertical bars: tension from gravity and cables."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -26,6 +27,8 @@ class HangingLine:
         Height of the bar's lower end [m].
     base_tension : float
         Tension below the lower end [N].
+    deviations : tuple of tuple of float
+        Spans with another weight: lower and upper height [m], and additional weight per length [N/m].
     """
 
     bar: str
@@ -34,6 +37,7 @@ class HangingLine:
     weight_per_length: float
     base: float
     base_tension: float
+    deviations: tuple[tuple[float, float, float], ...] = ()
 
     def tension(self, z: float) -> float:
         """Return the tension just above height z [N].
@@ -41,7 +45,12 @@ class HangingLine:
         The tension balances everything below.
         """
         lumps = sum(w for h, w in zip(self.heights, self.weights, strict=True) if h <= z + 1e-9)
-        return self.base_tension + lumps + self.weight_per_length * (z - self.base)
+        return self.base_tension + lumps + self.weight(self.base, z)
+
+    def weight(self, low: float, high: float) -> float:
+        """Return the weight of the bar between two heights [N]."""
+        more = sum(w * max(min(high, top) - max(low, bottom), 0.0) for bottom, top, w in self.deviations)
+        return self.weight_per_length * (high - low) + more
 
 
 def hanging_lines(structure: Structure) -> dict[str, HangingLine]:
@@ -115,7 +124,26 @@ def _line(structure: Structure, bar: Bar) -> HangingLine:
         weight_per_length=g * section.mass_per_length,
         base=z[lower],
         base_tension=sum(c.tension or 0.0 for c in structure.cable if c.at == lower),
+        deviations=tuple((low, high, g * more) for low, high, more in _deviations(structure, bar)),
     )
+
+
+def _additional_mass(structure: Structure, bar: Bar, a: str, b: str) -> float:
+    """Return the mass by which a span exceeds its section [kg]."""
+    own = structure.section[bar.section].mass_per_length
+    length = float(np.hypot(*np.subtract(structure.position(b), structure.position(a))))
+    return (structure.section_between(bar, a, b).mass_per_length - own) * length
+
+
+def _deviations(structure: Structure, bar: Bar) -> list[tuple[float, float, float]]:
+    """Return the heights of both ends of every deviating span [m], with its additional mass per length [kg/m]."""
+    own, out = structure.section[bar.section].mass_per_length, []
+    for a, b in pairwise(bar.points):
+        more = structure.section_between(bar, a, b).mass_per_length - own
+        if more:
+            low, high = sorted((structure.position(a)[1], structure.position(b)[1]))
+            out.append((low, high, more))
+    return out
 
 
 def _hang_on(structure: Structure, other: Bar, bar: Bar, carried: dict[str, float]) -> None:
@@ -129,6 +157,7 @@ def _hang_on(structure: Structure, other: Bar, bar: Bar, carried: dict[str, floa
     ends = structure.position(other.points[0]), structure.position(other.points[-1])
     length = float(np.hypot(*np.subtract(ends[1], ends[0])))
     mass = structure.section[other.section].mass_per_length * length
+    mass += sum(_additional_mass(structure, other, a, b) for a, b in pairwise(other.points))
     mass += sum(structure.point_mass(name) for name in other.points if name not in bar.points)
     carried[shared[0]] += mass
 

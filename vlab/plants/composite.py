@@ -8,6 +8,7 @@ motion are native in MuJoCo. The damping is prescribed mode by mode, see `vlab.p
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import mujoco
@@ -118,7 +119,7 @@ class _Builder:
                 tension=self._tension_along(root, sign),
             )
             prefix = "beam+" if sign > 0 else "beam-"
-            self._add_chain(prefix, sign * UP, ALONG, chain, edge, section, points)
+            self._add_chain(prefix, sign * UP, ALONG, chain, edge, self.bar, points)
             bend = float(np.cross(ALONG, sign * UP)[OUT])
             self.root_curve[f"{prefix}1"] = bend * chain.reading(0.0)[0] / 2  # mean of the chains above and below
 
@@ -163,7 +164,7 @@ class _Builder:
             reach = max(points.values())
             kinks = [d - edge for p, d in points.items() if d < reach and self._loads(p)]
             chain = build_chain(reach - edge, section.bending_stiffness, links=self.options.arm_links, kinks=kinks)
-            self._add_chain(f"{bar.name}-{side}:", sign * ALONG, UP, chain, edge, section, points)
+            self._add_chain(f"{bar.name}-{side}:", sign * ALONG, UP, chain, edge, bar, points)
 
     def _weight_to_clamp(self) -> None:
         """Transfer the weight of laterally clamped bodies to the clamp.
@@ -184,9 +185,10 @@ class _Builder:
         axis: Array,
         chain: Chain,
         edge: float,
-        section: Section,
+        bar: Bar,
         points: dict[str, float],
     ) -> None:
+        pieces = self._pieces(bar, points)
         bend = float(np.cross(axis, along)[OUT])  # slope along the chain per hinge angle
         joints = [f"{name}{i + 1}" for i in range(len(chain.hinges))]
 
@@ -201,9 +203,15 @@ class _Builder:
             if i > 0:
                 body = body.add_body(name=f"{name}{i}", pos=along * (start - (starts[i - 1] if i > 1 else 0.0)))
                 joint = body.add_joint(name=f"{name}{i}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
-                joint.stiffness[0] = chain.stiffness[i - 1]
+                own = next(section for _, high, section in pieces if start <= high)
+                nominal = self.structure.section[bar.section]
+                joint.stiffness[0] = chain.stiffness[i - 1] * (own.bending_stiffness / nominal.bending_stiffness)
                 parts = []
-            mass = section.mass_per_length * (end - start)
+            mass = sum(
+                section.mass_per_length * (min(end, high) - max(start, low))
+                for low, high, section in pieces
+                if low < end and start < high
+            )
             inertia = mass * (end - start) ** 2 / 12 * (1.0 - np.abs(along))
             parts.append((mass, along * ((start + end) / 2 - origin), inertia))
             for point, distance in points.items():
@@ -214,6 +222,13 @@ class _Builder:
                     self.slopes[point] = along, dict(zip(joints, turned, strict=True))
             if i > 0:
                 self._set_inertia(body, parts)
+
+    def _pieces(self, bar: Bar, points: dict[str, float]) -> list[tuple[float, float, Section]]:
+        """Return the distances of both ends of every piece of one section, from the clamp on."""
+        if all(span.bar != bar.name for span in self.structure.span):
+            return [(0.0, np.inf, self.structure.section[bar.section])]
+        stops = [(0.0, self.clamp.at), *sorted((distance, point) for point, distance in points.items())]
+        return [(low, high, self.structure.section_between(bar, a, b)) for (low, a), (high, b) in pairwise(stops)]
 
     def _set_inertia(self, body: Any, parts: list[tuple[float, Array, Array]]) -> None:
         """Set a body's inertia from its pieces.

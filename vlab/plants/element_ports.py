@@ -117,7 +117,7 @@ def _together(name: str, parts: list[Port], tag: str) -> Port:
 
 
 def _spans(structure: Structure, bar: Bar, slope: Slope) -> dict[str, Port]:
-    section, out = structure.section[bar.section], {}
+    out = {}
     for a, b in pairwise(bar.points):
         (xa, za), (xb, zb) = structure.position(a), structure.position(b)
         length = float(np.hypot(xb - xa, zb - za))
@@ -127,7 +127,9 @@ def _spans(structure: Structure, bar: Bar, slope: Slope) -> dict[str, Port]:
         if start is None or end is None or not np.any(end - start):
             continue
         name = _span_name(structure, bar, a, b)
-        out[name] = constant_port(name, end - start, "rad", section.bending_stiffness / flexible)
+        out[name] = constant_port(
+            name, end - start, "rad", structure.section_between(bar, a, b).bending_stiffness / flexible
+        )
     return out
 
 

@@ -22,7 +22,7 @@ from vlab.plants.base import ActuatorTap, Plant, Port, SensorTap, named_sensors
 from vlab.plants.element_ports import constant_port
 from vlab.plants.tendon_points import fe_element_ports
 from vlab.signals import Array
-from vlab.structure.model import Structure
+from vlab.structure.model import Structure, Tuning
 
 CLOSE = 1.15
 """CLOSE [1]: frequency ratio below which a coarse mesh may rotate two modes into each other."""
@@ -156,10 +156,16 @@ class FeModes:
                 lacking = [self.lacking(p.row(rest), q.row(None)) for p, q in zip(own, fe, strict=True)]
                 first, *more = (_with(p, d, rest.qpos) for p, d in zip(own, lacking, strict=True))
                 ports[name] = replace(first, more=tuple(more))
-        of_coils = {f"coil:{c.name}": self._lacking_at(plant, c.at) for c in structure.coil}
+        tuning = structure.tuning or Tuning()
+        named = named_sensors(structure)
+        coils_beside = _filled(tuning.coils_beside, len(structure.coil), "coils_beside", "coils")
+        beside = _filled(tuning.beside, len(named), "beside", "sensors and probes")
+        of_coils = {
+            f"coil:{coil.name}": self._lacking_at(plant, coil.at, off)
+            for coil, off in zip(structure.coil, coils_beside, strict=True)
+        }
         of_sensors = {
-            name: self._lacking_at(plant, sensor.at, beside)
-            for (name, sensor), beside in zip(named_sensors(structure), _beside(structure), strict=True)
+            name: self._lacking_at(plant, sensor.at, off) for (name, sensor), off in zip(named, beside, strict=True)
         }
         return _with_transducers(replace(plant, ports=ports), of_coils, of_sensors)
 
@@ -167,16 +173,14 @@ class FeModes:
         fe_row = self.fe.deflection(place)
         slope = self.fe.slope(place) if beside else None
         if beside and slope is None:
-            raise BadStructure(f"tuning.beside: at {place!r} there is no bar for a sensor to stand beside on")
+            raise BadStructure(f"tuning: at {place!r} there is no bar for a sensor or coil to stand beside on")
         return self.lacking(plant.port_rows([place])[0], fe_row if slope is None else fe_row + beside * slope)
 
 
-def _beside(structure: Structure) -> tuple[float, ...]:
-    """Return the sensors' offsets from their points [m]."""
-    stated = () if structure.tuning is None else structure.tuning.beside
-    count = len(structure.sensor) + len(structure.probe)
+def _filled(stated: Sequence[float], count: int, key: str, what: str) -> tuple[float, ...]:
+    """Return offsets from the points [m], zero where none is stated."""
     if len(stated) > count:
-        raise BadStructure(f"tuning.beside has {len(stated)} entries; there are {count} sensors and probes")
+        raise BadStructure(f"tuning.{key} has {len(stated)} entries; there are {count} {what}")
     return (*stated, *(0.0 for _ in range(count - len(stated))))
 
 

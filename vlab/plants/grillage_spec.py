@@ -142,7 +142,7 @@ class GrillageBuilder:
     # -- the top beam ------------------------------------------------------------------------------------------------
 
     def _beam(self) -> None:
-        bar, section = self.carrier, self.structure.section[self.carrier.section]
+        bar = self.carrier
         nodes = self._beam_nodes()
         held = {m for s in self.structure.support if s.at in bar.points for m in (f"{s.at}:{h}" for h in s.holds)}
         for name in nodes:
@@ -153,7 +153,7 @@ class GrillageBuilder:
             self.readings[name] = {f"{name}:y": 1.0} if f"{name}:v" not in held else {}
         x = {p: self.structure.position(p)[0] for p in bar.points}
         for a, b in pairwise(nodes):
-            length = x[b] - x[a]
+            length, section = x[b] - x[a], self.structure.section_between(bar, a, b)
             forward = np.array([np.copysign(1.0, length), 0.0, 0.0])
             for node, towards in ((a, forward), (b, -forward)):
                 self._half_element(node, section, abs(length), towards)

@@ -5,7 +5,8 @@ a frozen record. `Structure` checks the references between parts.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -57,6 +58,17 @@ class Section:
                 f"the key {missing[0]!r} is missing; state width, thickness and density, or mass_per_length"
             )
 
+    def scaled(self, *, stiffness: float = 1.0, mass: float = 1.0) -> "Section":
+        """Return the section with its stiffnesses and its mass multiplied by factors."""
+        return replace(
+            self,
+            bending_stiffness=self.bending_stiffness * stiffness,
+            torsion_stiffness=self.torsion_stiffness * stiffness,
+            shear_stiffness=self.shear_stiffness * stiffness,
+            mass_per_length=self.mass_per_length * mass,
+            polar_inertia_per_length=self.polar_inertia_per_length * mass,
+        )
+
     @property
     def in_plane_ratio(self) -> float:
         """Ratio EI_z/EA of in-plane bending [m^2].
@@ -102,6 +114,27 @@ class Bar:
     section: str
     points: tuple[str, ...]
     carries: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Span:
+    """Deviation of a bar from its section between two neighbouring points.
+
+    No rolled strip has the same thickness everywhere: stiffness and mass vary along a bar.
+
+    Parameters
+    ----------
+    between : tuple of (str, str)
+        Neighbouring points of the bar.
+    stiffness, mass : float
+        Factors on the stiffnesses and on the mass of the section.
+    """
+
+    name: str
+    bar: str
+    between: tuple[str, str]
+    stiffness: float = number("1", default=1.0, positive=True)
+    mass: float = number("1", default=1.0, positive=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -258,20 +291,24 @@ class Tuning:
     beside : tuple of float
         Offset of the sensors from their points along the bars [m], in channel order (coil sensors, then probes), as
         estimated from the FE model's modes.
+    coils_beside : tuple of float
+        Offset of the coils' forces from their points along the bars [m], in the order of the coils.
     """
 
     frequencies: tuple[float, ...] = number("1", positive=True, default=())
     of_fe: int = 0
     at_step: float = number("s", default=0.0, at_least=0.0)
     beside: tuple[float, ...] = number("m", default=())
+    coils_beside: tuple[float, ...] = number("m", default=())
 
     def __post_init__(self) -> None:
         if self.of_fe < 0:
             raise BadStructure(f"of_fe = {self.of_fe} is no number of modes; it must be 0 or more")
-        if self.beside and not self.of_fe:
-            raise BadStructure(
-                "beside tells sensors' places in the FE model's modes; say with of_fe how many these are"
-            )
+        for key, what in (("beside", "sensors'"), ("coils_beside", "coils'")):
+            if getattr(self, key) and not self.of_fe:
+                raise BadStructure(
+                    f"{key} tells {what} places in the FE model's modes; say with of_fe how many these are"
+                )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -354,6 +391,7 @@ class Structure:
     section: dict[str, Section]
     point: tuple[Point, ...]
     bar: tuple[Bar, ...]
+    span: tuple[Span, ...] = ()
     clamp: tuple[Clamp, ...] = ()
     cable: tuple[Cable, ...] = ()
     mass: tuple[Mass, ...] = ()
@@ -370,7 +408,7 @@ class Structure:
 
     def __post_init__(self) -> None:
         points = [p.name for p in self.point]
-        for kind in ("point", "bar", *ATTACHED):
+        for kind in ("point", "bar", "span", *ATTACHED):
             names = [part.name for part in getattr(self, kind)]
             for name in names:
                 if names.count(name) > 1:
@@ -392,6 +430,8 @@ class Structure:
                 if name not in points:
                     raise unknown_name("point", name, points, where=f"bar {bar.name!r}")
             self._check_straight(bar)
+        for span in self.span:
+            self._check_span(span)
         for name, variant in self.variant.items():
             if variant.one_mode_bar and variant.one_mode_bar not in [b.name for b in self.bar]:
                 raise unknown_name("bar", variant.one_mode_bar, [b.name for b in self.bar], where=f"variant {name!r}")
@@ -399,6 +439,14 @@ class Structure:
             raise unknown_name("coil", self.exciter, [c.name for c in self.coil], where="exciter")
         if not self.variant:
             raise BadStructure("no [variant.NAME] says how the structure is discretised")
+
+    def _check_span(self, span: Span) -> None:
+        bars = {bar.name: bar for bar in self.bar}
+        if span.bar not in bars:
+            raise unknown_name("bar", span.bar, bars, where=f"span {span.name!r}")
+        neighbours = [f"{a}-{b}" for a, b in pairwise(bars[span.bar].points)]
+        if not {"-".join(span.between), "-".join(reversed(span.between))} & set(neighbours):
+            raise unknown_name("span", "-".join(span.between), neighbours, where=f"span {span.name!r}")
 
     def _check_straight(self, bar: Bar) -> None:
         at = np.array([self.position(name) for name in bar.points])
@@ -410,6 +458,34 @@ class Structure:
         station = (at - at[0]) @ along / length
         if np.any(np.abs(offset) > 1e-9 * length) or np.any(np.diff(station) <= 0):
             raise BadStructure(f"bar {bar.name!r} is not straight with its points in order: {', '.join(bar.points)}")
+
+    def section_between(self, bar: Bar, a: str, b: str) -> Section:
+        """Return the section of a bar between two of its points.
+
+        Spans with a deviation count by their length: masses add up, and so do flexibilities.
+
+        Parameters
+        ----------
+        bar : Bar
+            Bar.
+        a, b : str
+            Points of the bar, in any order.
+        """
+        section = self.section[bar.section]
+        if all(span.bar != bar.name for span in self.span):
+            return section
+        low, high = sorted((bar.points.index(a), bar.points.index(b)))
+        pieces = list(pairwise(bar.points[low : high + 1]))
+        lengths = [float(np.hypot(*np.subtract(self.position(q), self.position(p)))) for p, q in pieces]
+        spans = [self._deviation(bar, p, q) for p, q in pieces]
+        mass = sum(length * span.mass for length, span in zip(lengths, spans, strict=True))
+        flexibility = sum(length / span.stiffness for length, span in zip(lengths, spans, strict=True))
+        return section.scaled(stiffness=sum(lengths) / flexibility, mass=mass / sum(lengths))
+
+    def _deviation(self, bar: Bar, a: str, b: str) -> Span:
+        """Return the deviation between two neighbouring points; factors of one for none."""
+        own = (span for span in self.span if span.bar == bar.name and set(span.between) == {a, b})
+        return next(own, Span(name=f"{bar.name}:{a}-{b}", bar=bar.name, between=(a, b)))
 
     @property
     def coil_places(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""Band of recorded motion."""
+"""Band of recorded motion, and signals below a frequency."""
 
 from collections.abc import Sequence
 
@@ -35,3 +35,27 @@ def fastest(y: Array, h: float, orders: Sequence[int]) -> float:
         if total[-1] > 0:
             out = max(out, float(freq[np.searchsorted(total, RUNS.power_share * total[-1])]))
     return out
+
+
+def below(values: Array, h: float, band_hz: float) -> Array:
+    """Return signals below a frequency, without phase shift.
+
+    Parameters
+    ----------
+    values : (n, ...) array
+        Signals.
+    h : float
+        Sample period [s].
+    band_hz : float
+        Frequency of half amplitude [Hz]; the signals are unchanged from the Nyquist frequency on.
+
+    Returns
+    -------
+    (n, ...) array
+        Signals after a Butterworth filter, forwards and backwards.
+    """
+    if band_hz >= 0.5 / h:
+        return values
+    sections = signal.butter(RUNS.band_order, band_hz, fs=1 / h, output="sos")
+    short = 3 * (2 * len(sections) + 1)
+    return np.asarray(signal.sosfiltfilt(sections, values, axis=0, padlen=min(short, len(values) - 1)))

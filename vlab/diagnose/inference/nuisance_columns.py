@@ -83,6 +83,9 @@ def modal_forces_of_changes(group: Group, reduced_model: ReducedModel, forces: A
                 modal[..., i] -= motion @ matrix.T
         if change.actuator is not None:
             modal[..., i] += group.u[..., change.actuator, None] * forces[:, change.actuator]
+    actuators = reduced_model.gains(theta[None])[0][0]
+    for shift in reduced_model.coil_shifts:
+        modal[..., shift.by] += actuators[shift.actuator] * group.u[..., shift.actuator, None] * shift.force
     return modal
 
 

@@ -116,7 +116,7 @@ class ScoreTest:
         M, C, K, self.actuator_gain, self.sensor_gain = (
             part[0] for part in self.reduced_model.matrices(self.theta[None])
         )
-        forces, rows = self.reduced_model.forces * self.actuator_gain, self.reduced_model.rows_at(self.theta)
+        forces, rows = self.reduced_model.forces_at(self.theta[None])[0], self.reduced_model.rows_at(self.theta)
         self.now = replace(self.reduced_model, M=M, C=C, K=K, forces=forces, rows=rows)
         self.groups = [self._group([run for run in self.runs if run.h == h]) for h in periods]
         e = np.concatenate([g.rows(g.e[..., None])[:, 0] for g in self.groups])

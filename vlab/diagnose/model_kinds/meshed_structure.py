@@ -19,6 +19,7 @@ from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, ReducedMo
 from vlab.diagnose.parameters.structure import adjusted_structure, edited, structure_parameters
 from vlab.diagnose.parameters.structure_sensitivity import (
     carried,
+    coil_shifts,
     common_scale_of_structure,
     damping_of_structure,
     frequencies_of_reduced_model,
@@ -77,6 +78,10 @@ class MeshedStructure(ModelKind):
         """See `ModelKind`."""
         return PROBLEM.mesh_own_error
 
+    def predicted_band(self, highest_hz: float) -> float:
+        """See `ModelKind`; no fitted recording tells of the modes above."""
+        return MESHED_STRUCTURE.band * highest_hz
+
     def is_mismatch(self, error: float, noise: float) -> bool:
         """See `ModelKind`."""
         return bool(error > np.hypot(VERDICT.above_noise * noise, self.holdout_error))
@@ -109,6 +114,7 @@ class MeshedStructure(ModelKind):
             parameters=tuple(parameters),
             parts=structure_parts(fe, carry, parameters, modes.omega[kept], tuned),
             shifts=structure_shifts(fe, carry, parameters),
+            coil_shifts=coil_shifts(fe, carry, parameters),
         )
 
     def damping_about_rest(

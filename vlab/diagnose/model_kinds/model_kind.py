@@ -14,7 +14,7 @@ from vlab.cases.case import Case
 from vlab.diagnose.parameters.mjcf import Uncertain
 from vlab.diagnose.parameters.mode_selection import KeptModes
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns
-from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, ReducedModel, Shift
+from vlab.diagnose.parameters.reduced_model import CoilShift, ModalDamping, Part, ReducedModel, Shift
 from vlab.physics.attach import Attached
 from vlab.physics.effect import Effect
 from vlab.plants.base import Plant
@@ -33,11 +33,14 @@ class ModalUncertainty:
         Matrix parts under the parameters.
     shifts : tuple of Shift
         Additional rows of shifted sensors.
+    coil_shifts : tuple of CoilShift
+        Additional modal forces of shifted coils.
     """
 
     parameters: tuple[Uncertain, ...]
     parts: tuple[Part, ...]
     shifts: tuple[Shift, ...] = ()
+    coil_shifts: tuple[CoilShift, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,6 +118,16 @@ class ModelKind(ABC):
     @abstractmethod
     def holdout_error(self) -> float:
         """Relative residual that a complete model may leave on hold-out recordings."""
+
+    def predicted_band(self, highest_hz: float) -> float:
+        """Return the highest frequency that the fitted model predicts [Hz].
+
+        Parameters
+        ----------
+        highest_hz : float
+            Frequency below which nearly all power of the fitted recordings lies [Hz].
+        """
+        return float("inf")
 
     @abstractmethod
     def is_mismatch(self, error: float, noise: float) -> bool:

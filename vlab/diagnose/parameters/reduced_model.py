@@ -57,6 +57,25 @@ class Shift:
     at_v: Array
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CoilShift:
+    """Uncertain position of an actuator's force.
+
+    Parameters
+    ----------
+    by : int
+        Index of the parameter [m].
+    actuator : int
+        Index of the actuator.
+    force : (m,) array
+        Additional modal force per metre and unit command.
+    """
+
+    by: int
+    actuator: int
+    force: Array
+
+
 Matrices = tuple[Array | None, Array | None, Array | None]
 """M, C and K of a part, None where zero."""
 
@@ -238,6 +257,8 @@ class ReducedModel:
         Matrix parts under uncertain parameters.
     shifts : tuple of Shift
         Uncertain sensor positions.
+    coil_shifts : tuple of CoilShift
+        Uncertain positions of the actuators' forces.
     damping : ModalDamping or None
         Damping stated as modal ratios.
     outside : TruncatedModes or None
@@ -255,6 +276,7 @@ class ReducedModel:
     changes: tuple[Change, ...]
     parts: tuple[Part, ...] = ()
     shifts: tuple[Shift, ...] = ()
+    coil_shifts: tuple[CoilShift, ...] = ()
     damping: ModalDamping | None = None
     outside: TruncatedModes | None = None
 
@@ -353,6 +375,13 @@ class ReducedModel:
             if change.sensor is not None:
                 channels[:, change.sensor] *= factor
         return actuators, channels
+
+    def forces_at(self, theta: Array) -> Array:
+        """Return modal forces (n_sets, m, n_actuators) of unit commands, with gains and shifted coils."""
+        out = np.repeat(self.forces[None], len(theta), axis=0)
+        for shift in self.coil_shifts:
+            out[:, :, shift.actuator] += theta[:, shift.by, None] * shift.force
+        return out * self.gains(theta)[0][:, None, :]
 
     def rows_at(self, theta: Array) -> ChannelRows:
         """Return the channels' rows at parameters (n_changes,), with shifted sensors."""

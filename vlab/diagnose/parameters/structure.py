@@ -5,6 +5,8 @@ Parameters concern sections, fittings, tension, damping and gains.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
@@ -14,14 +16,14 @@ from vlab.errors import unknown_name
 from vlab.plants.base import Plant, named_sensors
 from vlab.plants.build import build_plant
 from vlab.signals import Array
-from vlab.structure.model import Structure, Tuning
+from vlab.structure.model import Span, Structure, Tuning
 
 Edit = Callable[[Structure, float], Structure]
 """Function of a structure and a factor, or of a structure and a sensor shift [m]."""
 SCALED = ("stiffness", "mass", "tension", "gain")
 """Kinds that scale with the forces at equal motion."""
-FREQUENCY, PLACE = "frequency:mode", "place:"
-"""Prefixes of parameters for a mode's frequency and for a sensor's position."""
+FREQUENCY, PLACE, COIL_PLACE = "frequency:mode", "place:", "place:coil:"
+"""Prefixes of parameters for a mode's frequency, and for the positions of a sensor and of a coil."""
 ALL_DAMPING = "damping"
 """Name of the factor on all damping ratios; a mode's own factor appends ``:mode`` and its number."""
 
@@ -36,16 +38,24 @@ class StructureUncertain(Uncertain):
         Function that applies the parameter; None for gains.
     beside : int or None
         Channel of a shifted sensor; the parameter is then a distance [m] instead of a log factor.
+    pushed : int or None
+        Shifted coil; the parameter is then a distance [m], too.
     """
 
     edit: Edit | None = None
     beside: int | None = None
+    pushed: int | None = None
+
+    @property
+    def is_distance(self) -> bool:
+        """Whether the parameter is a distance [m] instead of a log factor."""
+        return self.beside is not None or self.pushed is not None
 
     def applied(self, structure: Structure, value: float) -> Structure:
         """Return a structure at a log factor or distance of the parameter."""
         if self.edit is None or value == 0.0:
             return structure
-        return self.edit(structure, value if self.beside is not None else float(np.exp(value)))
+        return self.edit(structure, value if self.is_distance else float(np.exp(value)))
 
 
 def structure_parameters(
@@ -126,6 +136,8 @@ def structure_parameters(
         )
     if structure.tuning is not None and structure.tuning.of_fe:
         out += _places(structure, sensors, sd["place"])
+        out += _coil_places(structure, actuators, sd["place"])
+        out += _spans(structure, sd)
     unknown = [name for name in given if ":" in name and name not in {p.name for p in out}]
     if unknown:
         raise unknown_name("parameter", unknown[0], [p.name for p in out], where="[model.uncertain]")
@@ -143,16 +155,46 @@ def _places(structure: Structure, sensors: Sequence[int | None], sd: float) -> l
     ]
 
 
+def _coil_places(structure: Structure, actuators: Sequence[int], sd: float) -> list[StructureUncertain]:
+    """Return position parameters of the driven coils on bars."""
+    on_bars = {point for bar in structure.bar for point in bar.points}
+    return [
+        StructureUncertain(name=f"{COIL_PLACE}{coil.name}", kind="place", sd=sd, edit=_coil_beside(i), pushed=i)
+        for i, coil in enumerate(structure.coil)
+        if i in actuators and coil.at in on_bars
+    ]
+
+
+def _spans(structure: Structure, sd: Mapping[str, float]) -> list[StructureUncertain]:
+    """Return parameters of the stiffness and the mass between neighbouring points of the bars."""
+    return [
+        StructureUncertain(
+            name=f"{bar.name}:{a}-{b}:{what}",
+            kind=f"span-{what}",
+            sd=sd[f"span-{what}"],
+            edit=_span(bar.name, a, b, what),
+        )
+        for bar in structure.bar
+        for a, b in pairwise(bar.points)
+        for what in ("stiffness", "mass")
+    ]
+
+
+def _span(bar: str, a: str, b: str, what: Literal["stiffness", "mass"]) -> Edit:
+    def edit(structure: Structure, factor: float) -> Structure:
+        old = next((s for s in structure.span if s.bar == bar and set(s.between) == {a, b}), None)
+        if old is None:
+            old = Span(name=f"{bar}:{a}-{b}", bar=bar, between=(a, b))
+        new = replace(old, **{what: getattr(old, what) * factor})
+        return replace(structure, span=(*(s for s in structure.span if s is not old), new))
+
+    return edit
+
+
 def _stiffness(name: str) -> Edit:
     def edit(structure: Structure, factor: float) -> Structure:
         old = structure.section[name]
-        new = replace(
-            old,
-            bending_stiffness=old.bending_stiffness * factor,
-            torsion_stiffness=old.torsion_stiffness * factor,
-            shear_stiffness=old.shear_stiffness * factor,
-        )
-        return replace(structure, section={**structure.section, name: new})
+        return replace(structure, section={**structure.section, name: old.scaled(stiffness=factor)})
 
     return edit
 
@@ -160,12 +202,7 @@ def _stiffness(name: str) -> Edit:
 def _mass(name: str) -> Edit:
     def edit(structure: Structure, factor: float) -> Structure:
         old = structure.section[name]
-        new = replace(
-            old,
-            mass_per_length=old.mass_per_length * factor,
-            polar_inertia_per_length=old.polar_inertia_per_length * factor,
-        )
-        return replace(structure, section={**structure.section, name: new})
+        return replace(structure, section={**structure.section, name: old.scaled(mass=factor)})
 
     return edit
 
@@ -235,6 +272,16 @@ def _beside(sensor: int) -> Edit:
         old = [*tuning.beside, *(0.0 for _ in range(sensor + 1 - len(tuning.beside)))]
         old[sensor] += distance
         return replace(structure, tuning=replace(tuning, beside=tuple(old)))
+
+    return edit
+
+
+def _coil_beside(coil: int) -> Edit:
+    def edit(structure: Structure, distance: float) -> Structure:
+        tuning = structure.tuning or Tuning()
+        old = [*tuning.coils_beside, *(0.0 for _ in range(coil + 1 - len(tuning.coils_beside)))]
+        old[coil] += distance
+        return replace(structure, tuning=replace(tuning, coils_beside=tuple(old)))
 
     return edit
 

@@ -11,7 +11,7 @@ from scipy import linalg
 
 from vlab.diagnose.parameters.mjcf import Uncertain
 from vlab.diagnose.parameters.mode_selection import as_stepped
-from vlab.diagnose.parameters.reduced_model import ModalDamping, Part, ReducedModel, Shift
+from vlab.diagnose.parameters.reduced_model import CoilShift, ModalDamping, Part, ReducedModel, Shift
 from vlab.diagnose.parameters.structure import ALL_DAMPING, FREQUENCY, PLACE, SCALED, StructureUncertain, edited
 from vlab.diagnose.settings import STRUCTURE_PRIORS
 from vlab.fe import build_fe_model
@@ -214,6 +214,32 @@ def structure_shifts(fe: FeModel, carry: Array, parameters: Sequence[Uncertain])
             out.append(
                 Shift(by=i, sensor=parameter.beside, at_q=none if is_rate else row, at_v=row if is_rate else none)
             )
+    return tuple(out)
+
+
+def coil_shifts(fe: FeModel, carry: Array, parameters: Sequence[Uncertain]) -> tuple[CoilShift, ...]:
+    """Return the additional modal forces of shifted coils.
+
+    Parameters
+    ----------
+    fe : FeModel
+        FE model.
+    carry : (n, m) array
+        FE coordinates per modal coordinate of the plant.
+    parameters : sequence of Uncertain
+        Uncertain parameters.
+
+    Returns
+    -------
+    tuple of CoilShift
+        Modal forces per metre of shift.
+    """
+    out = []
+    for i, parameter in enumerate(parameters):
+        if isinstance(parameter, StructureUncertain) and parameter.pushed is not None:
+            slope = fe.slope(fe.structure.coil[parameter.pushed].at)
+            if slope is not None:
+                out.append(CoilShift(by=i, actuator=parameter.pushed, force=slope @ carry))
     return tuple(out)
 
 

@@ -69,7 +69,7 @@ def channels(
     forces = _inputs(runs, terms, values, n_sets)
     known = np.concatenate(
         [
-            reduced_model.forces[None] * actuator_gain[:, None, :],
+            reduced_model.forces_at(theta),
             np.broadcast_to(reduced_model.loads, (n_sets, *reduced_model.loads.shape)),
         ],
         axis=2,

@@ -55,7 +55,9 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     pushes = np.hstack([plant.actuator_forces(), plant.port_rows(recorded.load_ports).T.reshape(plant.model.nv, -1)])
     reduced_model = _reduced_model(case, recorded, modes, pushes, parameters, uncertainty.parts)
     damping = model_kind.damping_about_rest(plant, modes, reduced_model, parameters)
-    reduced_model = replace(reduced_model, shifts=uncertainty.shifts, damping=damping)
+    reduced_model = replace(
+        reduced_model, shifts=uncertainty.shifts, coil_shifts=uncertainty.coil_shifts, damping=damping
+    )
     feedthrough = _feedthrough(case, recorded, modes, pushes, reduced_model)
     interferences, found = (
         find_mains_interference(recorded.runs),

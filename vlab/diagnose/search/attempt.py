@@ -81,6 +81,7 @@ class Trials:
             nominal=self.nominal,
             ablations=ablate(problem, fit, seen, findings).changed(change),
             horizon_s=problem.horizon_s,
+            band_hz=problem.model_kind.predicted_band(problem.highest_hz),
             cache=self.cache,
         )
         everything = [*problem.runs, *(run for run in self.runs if run not in problem.runs)]

@@ -279,6 +279,9 @@ class RunsSettings:
     first_will_do: float = 0.25
     """first_will_do [1]: power of the first part over the strongest part from which the first is used, 0 to 1; default
     untested. The initial state is known best there; raising it selects later parts."""
+    band_order: int = 4
+    """band_order [1]: order of the low-pass that limits a comparison to a band, at least 1; default untested. Raising it
+    separates modes close to the limit and rings longer."""
     power_share: float = 0.99
     """power_share [1]: share of the spectrum's power below the highest frequency, 0 to 1; default untested. Raising it
     raises the highest frequency and the sample rate."""

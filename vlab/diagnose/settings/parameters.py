@@ -169,7 +169,15 @@ class StructurePriorsSettings:
     step: float = 1e-3
     """step [1]: central-difference step of the log factor of a structure's parameter, above 0; default untested.
     Raising it adds truncation error."""
-    structure_sd: dict[str, float] = field(default_factory=lambda: {"tension": 0.05, "frequency": 0.003, "place": 1e-3})
+    structure_sd: dict[str, float] = field(
+        default_factory=lambda: {
+            "tension": 0.05,
+            "frequency": 0.003,
+            "place": 1e-3,
+            "span-stiffness": 0.02,
+            "span-mass": 0.007,
+        }
+    )
     """structure_sd [1]: prior standard deviations of tension and mode frequencies, relative, and of sensor positions
     [m], above 0. Composites of 16 links err by up to 0.2 % in frequency below 50 Hz; raising an entry frees that kind.
     """

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from vlab.cases.channel_map import Run
+from vlab.diagnose.data.band import below
 from vlab.diagnose.data.residual_noise import incoherent_rms, is_gaussian
 from vlab.diagnose.validation.gap import Distance
 from vlab.signals import Array, Recording, longest_read, rms
@@ -33,6 +34,15 @@ class Checked(Distance):
     def measured(self) -> Recording:
         """Recorded channels."""
         return self.run.measured
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Note on a comparison that leaves out fast motion."""
+        if np.isinf(self.band_hz):
+            return ()
+        return (
+            f"{self.name}: compared below {self.band_hz:.3g} Hz, above which no fitted recording tells of the modes",
+        )
 
     @cached_property
     def incoherent(self) -> float:
@@ -108,6 +118,8 @@ class Checked(Distance):
             part = longest_read(self.measured, name)
             parts.setdefault((part.start, part.stop), []).append(name)
         left = self.measured.data - self.standing.data
+        if np.isfinite(self.band_hz):
+            left = below(left, self.measured.sample_period, self.band_hz)
         return [
             (slice(*part), names, left[slice(*part), [self.measured.index(name) for name in names]])
             for part, names in parts.items()

@@ -61,6 +61,8 @@ class Distance:
         Contributions of the findings.
     horizon_s : float
         Length of the parts that are predicted one by one [s]; infinite for data predicted as a whole.
+    band_hz : float
+        Highest compared frequency [Hz]; infinite without a limit.
     log_ratios : (n_blocks,) array
         Log ratio of the mean-square errors of the model of `start` and the extended model, by block of the data.
     is_refuted : bool
@@ -80,6 +82,7 @@ class Distance:
     bare: float = float("nan")
     parts: tuple[Part, ...] = ()
     horizon_s: float = float("inf")
+    band_hz: float = float("inf")
     log_ratios: Array = field(default_factory=lambda: np.zeros(0))
     is_refuted: bool = False
     spread: Mapping[str, float] = field(default_factory=dict)

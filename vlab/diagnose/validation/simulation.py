@@ -9,6 +9,7 @@ import numpy as np
 from vlab.cases.channel_map import Run
 from vlab.cases.replay_bench import at_timestep
 from vlab.cases.simulate import simulate
+from vlab.diagnose.data.band import below, fastest
 from vlab.diagnose.data.command_limit import CommandLimit
 from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.noise import estimate_noise
@@ -25,7 +26,7 @@ from vlab.parallel import side_by_side
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
 from vlab.recordings.quality import held_samples
-from vlab.signals import Array, Recording, rms, strung_together
+from vlab.signals import ORDER, Array, Recording, rms, strung_together
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -182,6 +183,7 @@ def check(
     nominal: ExtendedModel | None = None,
     ablations: Ablations | None = None,
     horizon_s: float = np.inf,
+    band_hz: float = np.inf,
     cache: SimulationCache | None = None,
 ) -> list[Checked]:
     """Simulate runs with all models and compare.
@@ -202,6 +204,8 @@ def check(
         Models without single findings.
     horizon_s : float
         Longest part that is predicted from one state [s].
+    band_hz : float
+        Highest frequency that the models predict [Hz]; a recording with faster motion is compared below.
     cache : dict, optional
         Known simulations of the nominal and the calibrated model; missing ones are added.
 
@@ -222,11 +226,22 @@ def check(
         for i in pending:
             own = [(new if (key := (model, runs[i], counts[i])) in new else cache)[key] for model in models]
             length = length_of_parts(runs[i], counts[i])
-            found[i] = _checked(runs[i], models, own, interferences, ablations.names, length)
+            band = _band(runs[i], band_hz)
+            found[i] = _checked(runs[i], models, own, interferences, ablations.names, (length, band))
         pending = [i for i in pending if can_be_halved(runs[i], counts[i]) and not _is_predicted(found[i])]
         for i in pending:
             counts[i] *= 2
     return [found[i] for i in range(len(runs))]
+
+
+def _band(run: Run, band_hz: float) -> float:
+    """Return the highest frequency of the comparison; infinite for a recording without faster motion."""
+    measured, channels = run.measured, [c.channel for c in run.compared]
+    if not np.isfinite(band_hz) or not measured.is_uniform:
+        return np.inf
+    y = np.column_stack([np.where(measured.is_read(name), measured[name], 0.0) for name in channels])
+    orders = [ORDER.get(measured.channels[measured.index(name)].kind, 0) for name in channels]
+    return band_hz if fastest(y, measured.sample_period, orders) > band_hz else np.inf
 
 
 def _is_predicted(checked: Checked) -> bool:
@@ -338,8 +353,9 @@ def _checked(
     simulated: Sequence[Recording | None],
     interferences: Sequence[MainsInterference],
     findings: Sequence[str],
-    horizon: float,
+    extent: tuple[float, float],
 ) -> Checked:
+    horizon, band_hz = extent
     names = [c.channel for c in run.compared if np.ptp(run.measured[c.channel]) > 0]
     kept = ~held_samples(run.measured)
     read = {n: run.measured.is_read(n) for n in names}
@@ -357,7 +373,8 @@ def _checked(
             noise[i] = max(noise[i], hum) if estimates[i].is_of_repeats else np.hypot(noise[i], hum)
 
     def apart(one: Recording, other: Recording) -> Array:
-        return np.array([rms((one[n] - other[n])[kept & read[n]]) for n in names]) / scale
+        left = [below((one[n] - other[n]) * read[n], run.measured.sample_period, band_hz) for n in names]
+        return np.array([rms(own[kept & read[n]]) for n, own in zip(names, left, strict=True)]) / scale
 
     errors, recordings = [], list(simulated[:3])
     for model, recording in zip(models, simulated, strict=True):
@@ -391,14 +408,20 @@ def _checked(
         bare=left[-1] if findings else float("nan"),
         parts=tuple(parts),
         horizon_s=horizon,
-        log_ratios=_log_ratios(run, names, start, recordings[2], scale),
+        band_hz=band_hz,
+        log_ratios=_log_ratios(run, names, start, recordings[2], scale, band_hz),
         run=run,
         simulated=(recordings[0], recordings[1], recordings[2]),
     )
 
 
 def _log_ratios(
-    run: Run, names: Sequence[str], without: Recording | None, extended: Recording | None, scale: Array
+    run: Run,
+    names: Sequence[str],
+    without: Recording | None,
+    extended: Recording | None,
+    scale: Array,
+    band_hz: float,
 ) -> Array:
     """Return the log ratios of both models' errors by block."""
     if without is None or extended is None or without is extended:
@@ -406,7 +429,10 @@ def _log_ratios(
     kept = ~held_samples(run.measured)
     columns = [run.measured.index(name) for name in names]
     read = np.column_stack([run.measured.is_read(name) for name in names])
-    errors = [(((model.data - run.measured.data)[:, columns] * read)[kept]) / scale for model in (without, extended)]
+    errors = [
+        below((model.data - run.measured.data)[:, columns] * read, run.measured.sample_period, band_hz)[kept] / scale
+        for model in (without, extended)
+    ]
     return block_log_ratios(errors[0], errors[1], VALIDATION.blocks)
 
 
