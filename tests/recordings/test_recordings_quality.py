@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from vlab.recordings.quality import findings
+from vlab.recordings.quality import findings, sticks
 from vlab.signals import Channel, Recording
 
 RATE = 1000.0
@@ -51,6 +51,20 @@ def test_a_smooth_top_flattened_by_quantisation_is_not_clipping():
 def test_rest_at_the_extreme_is_not_clipping():
     decay = np.where(TIME < 2.5, 0.0, np.abs(signal()))
     assert "clipping" not in [found.kind for found in findings(run(decay))]
+
+
+def test_a_clipped_noisy_sensor_does_not_stick():
+    """White noise of three steps holds equal samples by chance, at any level."""
+    rng = np.random.default_rng(5)
+    step = 0.01
+    motion = 2.0 * np.sin(2 * np.pi * np.arange(6000) / 200)
+    values = step * np.round(np.clip(motion + rng.normal(size=6000) * 3 * step, -1.5, 1.5) / step)
+    rows = np.lib.stride_tricks.sliding_window_view(values, 3)
+    slopes = np.abs(np.diff(values))
+    held = np.flatnonzero((np.ptp(rows, axis=1) == 0) & (np.abs(rows[:, 0]) < 1.4))
+    assert np.any(np.minimum(slopes[held - 1], slopes[held + 2]) > 3 * step)
+    assert not sticks(values)
+    assert "clipping" in [found.kind for found in findings(run(values, time=np.arange(6000) / RATE))]
 
 
 def test_a_joint_that_sticks_at_every_turn_is_not_clipped():

@@ -166,9 +166,10 @@ def flat_tops(values: Array) -> dict[str, NDArray[np.bool_]]:
 
 
 def sticks(values: Array) -> bool:
-    """Return whether a motion turns back from rest short of its extremes.
+    """Return whether a motion turns back from rest mostly short of its extremes.
 
-    A joint with dry friction does so; its flat tops are no limit of the sensor.
+    A joint with dry friction does so; its flat tops are no limit of the sensor. Noise of several steps holds a few equal
+    samples by chance, so the larger number of samples decides.
 
     Parameters
     ----------
@@ -183,7 +184,8 @@ def sticks(values: Array) -> bool:
     lengths, before, after, level = _flats(values, *_constant(values))
     is_fast = np.minimum(np.abs(before), np.abs(after)) > FAST * _step(values)
     is_short = (level > values.min()) & (level < values.max())
-    return bool(np.any((lengths >= CLIPPED_RUN) & is_fast & is_short & (before * after < 0)))
+    is_turn = (lengths >= CLIPPED_RUN) & is_fast & (before * after < 0)
+    return bool(lengths[is_turn & is_short].sum() > lengths[is_turn & ~is_short].sum())
 
 
 def cut_off(values: Array, at_limit: NDArray[np.bool_]) -> float:
