@@ -189,6 +189,8 @@ class _Builder:
         points: dict[str, float],
     ) -> None:
         pieces = self._pieces(bar, points)
+        middles = (chain.hinges[:-1] + chain.hinges[1:]) / 2  # a hinge bends as the bar does to half its neighbours
+        borders = edge + np.concatenate([[0.0], middles, [chain.length]])
         bend = float(np.cross(axis, along)[OUT])  # slope along the chain per hinge angle
         joints = [f"{name}{i + 1}" for i in range(len(chain.hinges))]
 
@@ -203,9 +205,7 @@ class _Builder:
             if i > 0:
                 body = body.add_body(name=f"{name}{i}", pos=along * (start - (starts[i - 1] if i > 1 else 0.0)))
                 joint = body.add_joint(name=f"{name}{i}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
-                own = next(section for _, high, section in pieces if start <= high)
-                nominal = self.structure.section[bar.section]
-                joint.stiffness[0] = chain.stiffness[i - 1] * (own.bending_stiffness / nominal.bending_stiffness)
+                joint.stiffness[0] = chain.stiffness[i - 1] * self._stiffened(bar, pieces, borders[i - 1], borders[i])
                 parts = []
             mass = sum(
                 section.mass_per_length * (min(end, high) - max(start, low))
@@ -229,6 +229,14 @@ class _Builder:
             return [(0.0, np.inf, self.structure.section[bar.section])]
         stops = [(0.0, self.clamp.at), *sorted((distance, point) for point, distance in points.items())]
         return [(low, high, self.structure.section_between(bar, a, b)) for (low, a), (high, b) in pairwise(stops)]
+
+    def _stiffened(self, bar: Bar, pieces: list[tuple[float, float, Section]], low: float, high: float) -> float:
+        """Return the bending stiffness between two distances over that of the bar's section."""
+        lengths = [max(min(high, end) - max(low, start), 0.0) for start, end, _ in pieces]
+        if len(pieces) == 1 or not any(lengths):
+            return 1.0
+        bent = sum(own / section.bending_stiffness for own, (_, _, section) in zip(lengths, pieces, strict=True))
+        return sum(lengths) / bent / self.structure.section[bar.section].bending_stiffness
 
     def _set_inertia(self, body: Any, parts: list[tuple[float, Array, Array]]) -> None:
         """Set a body's inertia from its pieces.

@@ -219,7 +219,9 @@ class GrillageBuilder:
     # -- the hanging bars --------------------------------------------------------------------------------------------
 
     def _bars(self) -> None:
-        hanging = replace(self.structure, bar=tuple(b for b in self.structure.bar if b is not self.carrier))
+        spans = tuple(span for span in self.structure.span if span.bar != self.carrier.name)
+        bars = tuple(b for b in self.structure.bar if b is not self.carrier)
+        hanging = replace(self.structure, bar=bars, span=spans)
         choice = replace(next(iter(self.structure.variant.values())), elements_per_span=self.options.elements_per_span)
         mesh = build_mesh(hanging, replace(choice, one_mode_bar=""))
         names = []
