@@ -57,6 +57,7 @@ def test_motion_above_the_band_is_left_out(rig):
     assert whole.before == pytest.approx(0.2 / np.sqrt(2), rel=0.05)
     assert whole.notes == ()
     assert banded.before < 0.05 * whole.before  # the filter rings at both ends
+    assert banded.noise <= whole.noise
     assert banded.band_hz == 0.05 * rate
     assert "compared below" in banded.notes[0]
 

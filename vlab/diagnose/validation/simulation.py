@@ -9,7 +9,7 @@ import numpy as np
 from vlab.cases.channel_map import Run
 from vlab.cases.replay_bench import at_timestep
 from vlab.cases.simulate import simulate
-from vlab.diagnose.data.band import below, fastest
+from vlab.diagnose.data.band import below
 from vlab.diagnose.data.command_limit import CommandLimit
 from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.noise import estimate_noise
@@ -26,7 +26,7 @@ from vlab.parallel import side_by_side
 from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
 from vlab.recordings.quality import held_samples
-from vlab.signals import ORDER, Array, Recording, rms, strung_together
+from vlab.signals import Array, Recording, rms, strung_together
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -205,7 +205,7 @@ def check(
     horizon_s : float
         Longest part that is predicted from one state [s].
     band_hz : float
-        Highest frequency that the models predict [Hz]; a recording with faster motion is compared below.
+        Highest frequency that the models predict [Hz]; above, an error counts as far as the noise.
     cache : dict, optional
         Known simulations of the nominal and the calibrated model; missing ones are added.
 
@@ -226,22 +226,31 @@ def check(
         for i in pending:
             own = [(new if (key := (model, runs[i], counts[i])) in new else cache)[key] for model in models]
             length = length_of_parts(runs[i], counts[i])
-            band = _band(runs[i], band_hz)
-            found[i] = _checked(runs[i], models, own, interferences, ablations.names, (length, band))
+            found[i] = _checked(runs[i], models, own, interferences, ablations.names, (length, band_hz))
         pending = [i for i in pending if can_be_halved(runs[i], counts[i]) and not _is_predicted(found[i])]
         for i in pending:
             counts[i] *= 2
     return [found[i] for i in range(len(runs))]
 
 
-def _band(run: Run, band_hz: float) -> float:
-    """Return the highest frequency of the comparison; infinite for a recording without faster motion."""
-    measured, channels = run.measured, [c.channel for c in run.compared]
-    if not np.isfinite(band_hz) or not measured.is_uniform:
-        return np.inf
-    y = np.column_stack([np.where(measured.is_read(name), measured[name], 0.0) for name in channels])
-    orders = [ORDER.get(measured.channels[measured.index(name)].kind, 0) for name in channels]
-    return band_hz if fastest(y, measured.sample_period, orders) > band_hz else np.inf
+def _above(left: Array, h: float, band_hz: float, noise: float) -> float:
+    """Return the mean square of an error above a band, beyond the noise there.
+
+    Parameters
+    ----------
+    left : (n,) array
+        Error of a model.
+    h : float
+        Sample period [s].
+    band_hz : float
+        Highest frequency that the models predict [Hz].
+    noise : float
+        Rms of the noise, which is white at these frequencies.
+    """
+    share = 2.0 * h * band_hz
+    if share >= 1.0:
+        return 0.0
+    return max(float(np.mean((left - below(left, h, band_hz)) ** 2)) - (1.0 - share) * noise**2, 0.0)
 
 
 def _is_predicted(checked: Checked) -> bool:
@@ -360,21 +369,18 @@ def _checked(
     kept = ~held_samples(run.measured)
     read = {n: run.measured.is_read(n) for n in names}
     scale = np.array([np.std(run.measured[n][read[n]]) for n in names])
-    estimates = [estimate_noise(run, name) for name in names]
-    noise = np.array([estimate.rms for estimate in estimates]) / scale
-    for step in next((m.steps for m in reversed(models[:3]) if m is not None), ()):
-        if step.channel in names:
-            i = names.index(step.channel)
-            noise[i] = max(noise[i], step.step / np.sqrt(12) / scale[i])
-    for interference in interferences:
-        if interference.channel in names:
-            i = names.index(interference.channel)
-            hum = float(np.sqrt(np.mean(interference.on(run) ** 2))) / scale[i]
-            noise[i] = max(noise[i], hum) if estimates[i].is_of_repeats else np.hypot(noise[i], hum)
+    expected = noise = _noise_shares(run, names, scale, models, interferences)
+
+    def above(left: Sequence[Array]) -> Array:
+        if np.isinf(band_hz) or not run.measured.is_uniform:
+            return np.zeros(len(left))
+        h = run.measured.sample_period
+        return np.array([_above(e, h, band_hz, n) for e, n in zip(left, expected * scale, strict=True)])
 
     def apart(one: Recording, other: Recording) -> Array:
-        left = [below((one[n] - other[n]) * read[n], run.measured.sample_period, band_hz) for n in names]
-        return np.array([rms(own[kept & read[n]]) for n, own in zip(names, left, strict=True)]) / scale
+        left = [(one[n] - other[n])[kept & read[n]] for n in names]
+        whole, more = np.array([rms(e) for e in left]), above(left)
+        return np.where(more > 0, np.sqrt(np.maximum(whole**2 - more, 0.0)), whole) / scale
 
     errors, recordings = [], list(simulated[:3])
     for model, recording in zip(models, simulated, strict=True):
@@ -390,6 +396,9 @@ def _checked(
         errors[2], recordings[2] = stands, standing
     bare = recordings[2] if not findings else simulated[-1]
     start = bare if findings and left[-1] < rms(stands) else standing
+    is_limited = standing is not None and bool(
+        np.any(above([(standing[n] - run.measured[n])[kept & read[n]] for n in names]) > (expected * scale) ** 2)
+    )
     parts = []
     for name, without, own in zip(findings, simulated[3:], left[3:], strict=False):
         moved = np.full(len(names), np.inf)
@@ -408,11 +417,33 @@ def _checked(
         bare=left[-1] if findings else float("nan"),
         parts=tuple(parts),
         horizon_s=horizon,
-        band_hz=band_hz,
-        log_ratios=_log_ratios(run, names, start, recordings[2], scale, band_hz),
+        band_hz=band_hz if is_limited else np.inf,
+        log_ratios=_log_ratios(run, names, start, recordings[2], scale, band_hz if is_limited else np.inf),
         run=run,
         simulated=(recordings[0], recordings[1], recordings[2]),
     )
+
+
+def _noise_shares(
+    run: Run,
+    names: Sequence[str],
+    scale: Array,
+    models: Sequence[ExtendedModel | None],
+    interferences: Sequence[MainsInterference],
+) -> Array:
+    """Return the noise of every channel over its rms, with quantisation and mains interference."""
+    estimates = [estimate_noise(run, name) for name in names]
+    noise = np.array([estimate.rms for estimate in estimates]) / scale
+    for step in next((m.steps for m in reversed(models[:3]) if m is not None), ()):
+        if step.channel in names:
+            i = names.index(step.channel)
+            noise[i] = max(noise[i], step.step / np.sqrt(12) / scale[i])
+    for interference in interferences:
+        if interference.channel in names:
+            i = names.index(interference.channel)
+            hum = float(np.sqrt(np.mean(interference.on(run) ** 2))) / scale[i]
+            noise[i] = max(noise[i], hum) if estimates[i].is_of_repeats else np.hypot(noise[i], hum)
+    return noise
 
 
 def _log_ratios(
