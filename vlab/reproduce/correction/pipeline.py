@@ -345,15 +345,7 @@ def correct_by_test(
     structure = load_structure(structure_name)
     fe = build_fe_model(structure, variant)
     keep = measured_coordinates(fe, retained)
-    if isinstance(modes, bool) or not isinstance(modes, int | np.integer) or not 1 <= modes < len(keep):
-        raise BadExperiment(
-            f"{modes} modes for {len(keep)} measured coordinates; accepted: 1 to {len(keep) - 1}, so that something of the "
-            "model is left"
-        )
-    if not (np.isfinite(noise) and 0 <= noise <= 1):
-        raise BadExperiment(f"the noise {noise} is no share of the rms from 0 to 1")
-    if isinstance(periods, bool) or not isinstance(periods, int | np.integer) or periods < 2:
-        raise BadExperiment(f"{periods} periods are too few; at least 2 are needed, the first one to settle")
+    _check_settings(modes, len(keep), noise, periods)
     real = build_fe_model(vary_structure(structure, spread, seed), variant)
     reductions = {name: reduce(fe.linear, keep) for name, reduce in REDUCTIONS.items()}
     band = (MARGIN[0] * float(fe.linear.freq[0]), MARGIN[1] * float(fe.linear.freq[len(keep) - 1]))
@@ -374,6 +366,18 @@ def correct_by_test(
         fe_hz=_partners(fe, measured, band[1]),
         true_hz=_partners(real, measured, band[1]),
     )
+
+
+def _check_settings(modes: int, n_coordinates: int, noise: float, periods: int) -> None:
+    if isinstance(modes, bool) or not isinstance(modes, int | np.integer) or not 1 <= modes < n_coordinates:
+        raise BadExperiment(
+            f"{modes} modes for {n_coordinates} measured coordinates; accepted: 1 to {n_coordinates - 1}, so that something of the "
+            "model is left"
+        )
+    if not (np.isfinite(noise) and 0 <= noise <= 1):
+        raise BadExperiment(f"the noise {noise} is no share of the rms from 0 to 1")
+    if isinstance(periods, bool) or not isinstance(periods, int | np.integer) or periods < 2:
+        raise BadExperiment(f"{periods} periods are too few; at least 2 are needed, the first one to settle")
 
 
 def _checked_seed(seed: int) -> int:
