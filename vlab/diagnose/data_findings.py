@@ -218,8 +218,8 @@ def finding_of_interference(interference: MainsInterference, unit: str) -> Findi
     lines = " and ".join(f"{k * interference.frequency:.2f} Hz" for k in interference.harmonics)
     words = f"at {lines}, {100 * interference.share:.2g} % of the channel's rms, steady, at a phase of its own in every recording"
     parameters = {
-        "amplitude": _known(np.sqrt(2) * interference.rms, 0.05, unit),
-        "frequency": _known(interference.frequency, 1e-3, "Hz"),
+        "amplitude": _known(np.sqrt(2) * interference.rms, DATA_FINDINGS.amplitude_sd, unit),
+        "frequency": _known(interference.frequency, DATA_FINDINGS.exact_sd, "Hz"),
     }
     return _seen("mains-hum", interference.channel, parameters, words)
 
@@ -227,7 +227,7 @@ def finding_of_interference(interference: MainsInterference, unit: str) -> Findi
 def finding_of_stop(stop: SensorLimit, unit: str) -> Finding:
     """Return the finding of a sensor's range limit."""
     words = f"{100 * stop.share:.2g} % of its samples stand at exactly that value"
-    return _seen("sensor-clipping", stop.channel, {"limit": _known(stop.limit, 1e-3, unit)}, words)
+    return _seen("sensor-clipping", stop.channel, {"limit": _known(stop.limit, DATA_FINDINGS.exact_sd, unit)}, words)
 
 
 def finding_of_step(step: SensorStep, unit: str) -> Finding:
@@ -322,7 +322,7 @@ def _seen(name: str, channel: str, parameters: dict[str, dict[str, Any]], words:
 
 def _estimated(value: float, sd: float, unit: str) -> dict[str, Any]:
     """Return a value with its normal 90 % interval."""
-    spread = 1.645 * sd
+    spread = FINDINGS.half_width * sd
     return {"value": value, "unit": unit, "ci90": [value - spread, value + spread]}
 
 

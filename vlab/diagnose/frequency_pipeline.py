@@ -357,7 +357,7 @@ def _notes(problem: FrequencyProblem, found: FrequencyFound, choice: Choice, lef
     out += far
     best = found.hypotheses[0] if found.hypotheses else None
     if not choice.best.terms and far and best is not None and best.score > found.before.score:
-        odds = np.exp(min(best.score - found.before.score, 20.0))
+        odds = np.exp(min(best.score - found.before.score, FREQUENCY_VERDICT.most_log_odds))
         out.append(
             f"{best.label} is {odds:.2g} times as likely as parameters so far off, which is too little to report it as found: "
             "state in [model.uncertain] what is known of them"

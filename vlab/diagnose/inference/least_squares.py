@@ -65,7 +65,8 @@ class LeastSquares:
         self.runs = list(runs if runs is not None else screen.runs)
         self._weigh(model_error)
         self.highest = max(
-            min(float(np.abs(self.reduced_model.omega).max()) / (2 * np.pi), self.problem.highest_hz), 5e-4
+            min(float(np.abs(self.reduced_model.omega).max()) / (2 * np.pi), self.problem.highest_hz),
+            FIT.least_highest_hz,
         )
         self.active = self._active()
         self.free_starts: dict[int, tuple[Array, Array, Array]] = {}

@@ -99,9 +99,9 @@ class ScoreTest:
         for _ in range(SCORE_TEST.refits if like is None else 1):
             self._linearise()
             step = self._step
-            if np.all(np.abs(step) <= 0.02 * self.reduced_model.prior + 1e-4):
+            if np.all(np.abs(step) <= SCORE_TEST.settled[0] * self.reduced_model.prior + SCORE_TEST.settled[1]):
                 break
-            self.theta = np.clip(self.theta + step, -2.0, 2.0)
+            self.theta = np.clip(self.theta + step, -SCORE_TEST.most_theta, SCORE_TEST.most_theta)
         else:
             self._linearise()
 

@@ -52,7 +52,11 @@ def find_sensor_offsets(problem: Problem, fit: Fit, unknown: Collection[str] = (
         if i not in said and name not in unknown and abs(offset) > benign[i]:
             samples = sum(len(run) for run in problem.signals)
             spread = float(error[i] / np.sqrt(max(samples, 1)))
-            out.append(SensorOffset(channel=name, offset=float(offset), sd=max(spread, 0.01 * abs(float(offset)))))
+            out.append(
+                SensorOffset(
+                    channel=name, offset=float(offset), sd=max(spread, SENSOR_OFFSET.least_sd * abs(float(offset)))
+                )
+            )
     return tuple(out)
 
 

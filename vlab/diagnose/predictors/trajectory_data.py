@@ -188,7 +188,7 @@ def _noise(time: Array, column: Array, is_even: bool, inputs: Array) -> float:
     if not is_even:
         return local
     floor = noise_level(column, inputs)
-    return float(np.clip(local, floor, 1.25 * floor))
+    return float(np.clip(local, floor, TRAJECTORY_DATA.most_noise * floor))
 
 
 def _order(stepper: Stepper, i: int, run: Run) -> int:
@@ -251,10 +251,10 @@ def _spline(trajectory: TrajectoryData, i: int) -> tuple[Array, Array]:
     """Return a smoothed position and its rate."""
     y, t = trajectory.y[:, i], trajectory.time
     noise = float(trajectory.noise[i])
-    low, high = -8.0, 4.0
+    low, high = TRAJECTORY_DATA.smoothing
     size = float(np.mean(np.diff(t))) ** 3
     best = make_smoothing_spline(t, y, lam=size * 10.0**low)
-    for _ in range(4):
+    for _ in range(TRAJECTORY_DATA.halvings):
         middle = 0.5 * (low + high)
         tried = make_smoothing_spline(t, y, lam=size * 10.0**middle)
         if float(np.std(tried(t) - y)) < noise:
@@ -267,11 +267,13 @@ def _spline(trajectory: TrajectoryData, i: int) -> tuple[Array, Array]:
 def _filtered(trajectory: TrajectoryData, stepper: Stepper, q: Array, v: Array, known: Sequence[int]) -> Motion:
     """Filter a run forwards on MuJoCo's steps."""
     nv = stepper.nv
-    spread = np.concatenate([np.full(nv, TRAJECTORY_DATA.wide), np.full(nv, 5 * TRAJECTORY_DATA.wide)])
+    spread = np.concatenate(
+        [np.full(nv, TRAJECTORY_DATA.wide), np.full(nv, TRAJECTORY_DATA.rates * TRAJECTORY_DATA.wide)]
+    )
     for dof in known:
-        spread[dof] *= 0.1
-    P = np.diag(spread**2) if not trajectory.at_rest else 1e-8 * np.eye(2 * nv)
-    R = np.diag((trajectory.noise + 0.01 * trajectory.scale) ** 2)
+        spread[dof] *= TRAJECTORY_DATA.measured
+    P = np.diag(spread**2) if not trajectory.at_rest else TRAJECTORY_DATA.known_start * np.eye(2 * nv)
+    R = np.diag((trajectory.noise + TRAJECTORY_DATA.floor * trajectory.scale) ** 2)
     out_q, out_v = np.zeros((len(trajectory), len(q))), np.zeros((len(trajectory), nv))
     for k in range(len(trajectory)):
         (u, load), h = trajectory.inputs(k), float(trajectory.h[k])
@@ -286,8 +288,8 @@ def _filtered(trajectory: TrajectoryData, stepper: Stepper, q: Array, v: Array, 
         out_q[k], out_v[k] = q, v
         A, G = sampled(L, M, h)
         q, v = stepper.advance(q, v, u, load, h, act)
-        rate = np.sqrt(np.mean(out_v[: k + 1] ** 2)) + 1e-3
-        intensity = (5.0 * rate) ** 2  # unknown accelerations of some velocities per second
+        rate = np.sqrt(np.mean(out_v[: k + 1] ** 2)) + TRAJECTORY_DATA.still
+        intensity = (TRAJECTORY_DATA.accelerations * rate) ** 2  # unknown accelerations of some velocities per second
         P = A @ P @ A.T + intensity * G @ M @ G.T
         P = 0.5 * (P + P.T)
     return Motion(q=out_q, v=out_v)

@@ -237,9 +237,13 @@ def _columns(base: _Base, candidate: Candidate, steps: Sequence[_Step]) -> list[
             step, moved = steps[i], residual - base.residual
             size = float(np.linalg.norm(moved))
             if not np.isfinite(size) or size > high:
-                step.unit *= min(0.3 * high / size, 0.1) if np.isfinite(size) else 1e-3
+                step.unit *= (
+                    min(PROFILE_SCREENING.target * high / size, PROFILE_SCREENING.most_shrink)
+                    if np.isfinite(size)
+                    else PROFILE_SCREENING.after_divergence
+                )
             elif size < low:
-                step.unit *= 0.3 * high / max(size, 1e-3 * low)
+                step.unit *= PROFILE_SCREENING.target * high / max(size, PROFILE_SCREENING.most_growth * low)
             else:
                 found[i] = np.asarray(moved / step.unit)
                 continue

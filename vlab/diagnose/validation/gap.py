@@ -209,7 +209,7 @@ def gap_closed(before: float, after: float, noise: float) -> float | None:
     """
     if not np.isfinite(before):
         return 1.0 if np.isfinite(after) else 0.0
-    if before <= 1.1 * noise:
+    if before <= GAP.within_noise * noise:
         return None
     return float((before - after) / (before - noise)) if np.isfinite(after) else -np.inf
 
