@@ -149,7 +149,7 @@ def _unmatched(document: dict[str, Any], model: str) -> list[str]:
 def _figures(
     arguments: argparse.Namespace, structure: Structure, check: CrossCheck, cross_mac: dict[str, Array]
 ) -> dict[str, tuple[str, str]]:
-    """Return the figures as SVG with their captions, by name of the file."""
+    """Return SVG figures with their captions, by name of the file."""
     from vlab.views.figures import mac_figure, mode_difference_figure, mode_shapes_figure, to_svg
 
     responses = {}

@@ -29,7 +29,7 @@ RATIO_OF_SEARCH = (
 
 
 def share(part: float) -> str:
-    """Return a share as a percentage that is 100 % only where nothing is left.
+    """Return a share in per cent, 100 only where nothing is left.
 
     Parameters
     ----------

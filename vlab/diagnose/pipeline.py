@@ -231,7 +231,7 @@ class _Pass:
     checked_file: FileCheck | None = None
 
     def run(self) -> Diagnosed | RejectedCase:
-        """Return the diagnosis, after further passes where this one shows other conventions or steps."""
+        """Return the diagnosis after all passes."""
         self.report(0.0, "reading")
         meshed = model_kind_of(self.whole_case).with_corrected_mesh(self.whole_case)
         case, static_offsets = remove_static_offsets(meshed)
@@ -251,7 +251,7 @@ class _Pass:
         return self._again(searched, judged) or self._diagnosed(searched, judged)
 
     def _again(self, searched: _Searched, judged: _Judged) -> Diagnosed | None:
-        """Return the diagnosis of another search where this one explains nothing, or less than half.
+        """Return the diagnosis of another search where this one fails.
 
         A sensor fault can absorb the linear error of a model, and the forward selection then misses the physics. The second
         search is without sensor faults, the third for a tabulated force at a place.
@@ -280,7 +280,7 @@ class _Pass:
     def _other(
         self, searched: _Searched, effects: Sequence[Effect], told: str
     ) -> tuple["_Pass", _Searched, _Judged | None]:
-        """Return a search of other effects, and its judgement if it names something."""
+        """Return a search of other effects and its judgement."""
         other = replace(self, effects=effects, told="; ".join(filter(None, [self.told, told])))
         if self.deadline.is_past:
             return other, searched, None
@@ -382,7 +382,7 @@ class _Pass:
         return self._graded(searched, judged, trials) if verdict == "none-of-these" else judged
 
     def _graded(self, searched: _Searched, judged: _Judged, trials: Trials) -> _Judged:
-        """Return a partial explanation where an attempt is one, otherwise the best attempt."""
+        """Return the partial explanation, or else the best attempt."""
         assert judged.tried is not None
         others = (h for h in searched.found.hypotheses if h.label != judged.choice.best.label)
         has_mesh_error = searched.problem.model_kind.has_mesh_error

@@ -86,7 +86,7 @@ class Correction:
         return replace(run, **out)
 
     def edits(self, case: Case) -> str:
-        """Return the edits of the case file, or the argument of a case in memory.
+        """Return edits of a case file, or arguments in memory.
 
         Parameters
         ----------

@@ -159,5 +159,5 @@ def nonlinear_spectra(values: Array, order: int, h: float) -> list[Array]:
 
 
 def spectrum(x: Array) -> Array:
-    """Return the spectra (n // 2 + 1, ...) of signals (n, ...), without means."""
+    """Return the spectra (n_freq, ...) of signals (n, ...) without means."""
     return np.asarray(np.fft.rfft(x - x.mean(axis=0), axis=0))

@@ -137,7 +137,7 @@ def is_gaussian(residuals: Array, false_alarm_rate: float) -> bool:
 
 
 def _kurtosis(x: Array) -> float:
-    """Return the mean square of the power of all channels over its squared mean."""
+    """Return the mean square of the channels' power over its squared mean."""
     power = np.sum(x**2, axis=1)
     return float(np.mean(power**2) / np.mean(power) ** 2)
 

@@ -227,7 +227,10 @@ def _normal(vector: ParameterVector, slopes: Array, weight: Array) -> Array:
 
 
 def _scores(runs: Sequence[Signals], vector: ParameterVector, slopes: Array, weighted: Array) -> Array:
-    """Return the gradients (n_blocks, n) of blocks of the data, no block across two runs."""
+    """Return the gradients (n_blocks, n) of blocks of the data.
+
+    No block spans two runs.
+    """
     parts, at, out = int(np.ceil(TRAJECTORY_FIT.windows / len(runs))), vector.priors, []
     for size in (runs[i].y.size for i in by_period(runs)):
         for rows in np.array_split(np.arange(at, at + size), parts):

@@ -120,7 +120,7 @@ def _of_few_values(refiner: LeastSquares, candidate: Candidate) -> list[Candidat
 
 
 def as_large_as_the_model(refiner: LeastSquares, candidate: Candidate) -> list[Candidate]:
-    """Return a linear effect at the size of the model's own impedance, or none.
+    """Return a linear effect as large as the model's own impedance.
 
     The regression is linear in the effect. A damper that locks a joint, or a support that doubles a frequency, has a second
     optimum far from the regression's value.
@@ -431,7 +431,7 @@ def _labels(terms: Sequence[Term]) -> frozenset[str]:
 
 
 def _with_evidence_of(richer: Hypothesis, hypothesis: Hypothesis) -> Hypothesis:
-    """Return a hypothesis with residual and score of one with further nuisance effects."""
+    """Return a hypothesis with the evidence of one with nuisance effects."""
     return replace(
         hypothesis,
         log_rms_residual=richer.log_rms_residual,

@@ -425,7 +425,7 @@ class LeastSquares:
         return vector.packed(theta, offsets, states, values)
 
     def _unpacked(self, vector: ParameterVector, X: Array) -> tuple[Array, Array, Array, list[dict[str, Array]]]:
-        """Return log factors, offsets, initial states (n_sets, n_runs, 2m) and values of vectors."""
+        """Return factors, offsets, states (n_sets, n_runs, 2m) and values of vectors."""
         theta, offsets, states, values = vector.unpacked(X)
         starts = np.zeros((len(X), len(self.runs), 2 * self.reduced_model.m))
         for i, run in enumerate(self.runs):

@@ -26,7 +26,7 @@ LENGTH = "length"
 
 
 def geometry_parameters(plant: Plant, given: Mapping[str, float]) -> list[Uncertain]:
-    """Return inertias, lengths and stated centres of mass of all bodies, for large motion.
+    """Return uncertain inertias, lengths and stated centres of mass.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def gravity_shares(plant: Plant, basis: Array) -> Array:
 
 
 def parts_about_rest(plant: Plant, parameters: Sequence[Uncertain], basis: Array) -> tuple[Part, ...]:
-    """Return the modal matrix parts under uncertain parameters with distances of centres of mass.
+    """Return the modal matrix parts of parameters with distances.
 
     The part of a body's mass in the mass matrix is quadratic in the distance, and the stiffness by gravity linear. Values at
     three distances give all coefficients exactly while the equilibrium stays.

@@ -211,7 +211,7 @@ class Trials:
 def without_useless(
     attempt: Attempt, first: int, again: Callable[[Fit], Attempt], stands: Callable[[Attempt], bool]
 ) -> Attempt:
-    """Return an attempt without the terms that do not help on hold-out data.
+    """Return an attempt without terms that are idle on hold-out data.
 
     An effect of a fit that does not help to predict other data is dropped (ablation). An idle effect stays, since its
     data cannot refute it.
@@ -240,7 +240,7 @@ def without_useless(
 
 
 def _useful_terms(attempt: Attempt, first: int) -> tuple[Term, ...]:
-    """Return the useful and the idle terms; all terms where none is useful."""
+    """Return the useful and the idle terms, or all terms."""
     kept = []
     for i, term in enumerate(attempt.fit.terms, start=first):
         parts = [(run, run.parts[i]) for run in attempt.checked if len(run.parts) > i and not run.parts[i].is_idle]
@@ -252,7 +252,7 @@ def _useful_terms(attempt: Attempt, first: int) -> tuple[Term, ...]:
 def best_attempt(
     first: Attempt, others: Iterable[Attempt], is_partial: Callable[[Attempt], bool] | None = None
 ) -> Attempt | None:
-    """Return the attempt that explains most, else a part, else the best without divergence.
+    """Return the attempt that explains most, or else a part.
 
     Parameters
     ----------
@@ -318,7 +318,7 @@ def _labels(terms: Sequence[Term]) -> set[str]:
 
 
 def _is_refuted(attempt: Attempt) -> bool:
-    """Return whether effects predict hold-out data no better than the model without them."""
+    """Return whether effects improve no prediction of hold-out data."""
     tests = verifying(attempt.checked)
     return bool(attempt.fit.terms and tests) and not total(tests, "after") < total(tests, "start")
 

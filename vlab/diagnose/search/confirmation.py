@@ -136,7 +136,7 @@ class Confirmation:
 
     @cached_property
     def _plain(self) -> Fit:
-        """Calibrated model, linearised at its own parameters rather than at those beside effects."""
+        """Calibrated model, linearised at its own parameters."""
         fit = self.whole.fit((), self.start)
         if not isinstance(self.whole, SimulatorLeastSquares):
             return fit

@@ -160,7 +160,7 @@ def decided_holds(problem: Problem, stated: Case) -> list[Hold]:
 
 
 def with_decided_hold(case: Case, hold: Hold, stated: Case) -> Case:
-    """Return a case with a hold of all inputs whose hold is not stated.
+    """Return a case with a hold for inputs without a stated one.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
 
 
 def _plainest(shortlist: Sequence[Candidate], candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return the effect of fewest parameters in every candidate's family at its location.
+    """Return the plainest effect of every candidate's family at its location.
 
     A richer law gains more in the regression, which is linear in the amplitudes. A large change, such as a damper that
     locks a joint, needs a fit.

@@ -94,7 +94,7 @@ class Distance:
         return GAP.lost * rms(np.array([self.spread_of(name) for name in self.channels])) if self.channels else GAP.lost
 
     def spread_of(self, channel: str) -> float:
-        """Return a channel's spread over all recordings, at least that of these data [1]."""
+        """Return a channel's spread over all recordings or these data."""
         return max(self.spread.get(channel, 1.0), 1.0)
 
     @property

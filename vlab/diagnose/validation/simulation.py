@@ -257,7 +257,7 @@ def _simulated(keys: Sequence[SimulationKey]) -> SimulationCache:
 
 
 def spread_over(recordings: Sequence[Run], run: Run) -> dict[str, float]:
-    """Return the standard deviation of every channel over all recordings, relative to one of them.
+    """Return every channel's spread over all recordings, relative to one.
 
     Parameters
     ----------

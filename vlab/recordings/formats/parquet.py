@@ -1,4 +1,4 @@
-"""Parquet recordings: vlab's native form, and columns of numbers or times of foreign files.
+"""Parquet recordings: vlab's native form, and columns of foreign files.
 
 A run has a ``time`` column [s] and one float64 column a channel. The metadata of each field hold kind, unit, place and
 direction; those of the file hold the format version and the notes. Page checksums do not cover page headers, and a

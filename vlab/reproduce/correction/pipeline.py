@@ -396,7 +396,7 @@ def _tested(
     periods: int,
     progress: Callable[[float], None] | None,
 ) -> ModalTestResult:
-    """Excite the structure on the bench, with level and noise from the model."""
+    """Excite the structure, with level and noise from the model."""
     structure = fe.structure
     phases, samples = (int(number) for number in np.random.default_rng([seed, 1]).integers(2**32, size=2))
     hardware = load_hardware().at_rate(RATE)
