@@ -453,13 +453,11 @@ class TrajectoryScoreTest(ScoreTest):
                 each = ({**u, **numbers} for u in unit_amplitudes(effect, shape))
                 laws = [fast_series(effect, z[0], v[0], a[0], u, h, own) for u in each]
             else:
-                laws = [self._series(group, place, effect, u, z[0], v[0], own) for u in unit_amplitudes(effect, shape)]
+                laws = [self._series(effect, u, z[0], v[0], own) for u in unit_amplitudes(effect, shape)]
         series = [x / effect.probe if np.all(np.abs(x) < KERNELS.runaway) else 0.0 * z[0] for x in laws]
         return np.asarray(rows[0][..., None] * np.stack(series, axis=-1)[..., None, :])
 
-    def _series(
-        self, group: Group, place: Place, effect: PortEffect, values: dict[str, float], z: Array, v: Array, command: Any
-    ) -> Array:
+    def _series(self, effect: PortEffect, values: dict[str, float], z: Array, v: Array, command: Any) -> Array:
         t = pad_and_stack([c.time for c in self.moving.trajectories]) + 0.5 * self.stack.h
         return forces_on_trajectory(effect, z, v, values, self.stack.h, t, command)
 
