@@ -89,7 +89,7 @@ def _frozen(array: Any, dtype: Any) -> Any:
 
 
 def rms(values: Array) -> float:
-    """Return the root mean square of an array; 0 of an empty one."""
+    """Return the root mean square of an array, or 0."""
     return float(np.sqrt(np.mean(np.square(values)))) if np.size(values) else 0.0
 
 
@@ -286,7 +286,7 @@ def strung_together(parts: Sequence[Recording]) -> Recording:
 
 
 def longest_read(recording: Recording, name: str) -> slice:
-    """Return the longest stretch of samples in which a channel has readings throughout.
+    """Return the longest stretch of samples with readings of a channel.
 
     Parameters
     ----------

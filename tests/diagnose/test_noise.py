@@ -9,7 +9,7 @@ from scipy import signal
 from synthetic import run_of
 
 from vlab.cases import load_case
-from vlab.diagnose.data.noise import noise_level, noise_rms
+from vlab.diagnose.data.noise import estimate_noise, noise_level
 from vlab.diagnose.pipeline import diagnose
 
 NOISE = 0.003
@@ -48,7 +48,7 @@ def test_a_filter_takes_off_a_part_of_the_noise_itself():
     _, y, noise = driven(0)
     run = run_of(np.arange(N) / 1000.0, {"y": logged(y + noise)})
     # of white noise .72 of the power is left
-    assert noise_rms(run, ["y"])[0] == pytest.approx(np.sqrt(0.72) * NOISE, rel=0.08)
+    assert estimate_noise(run, "y").rms == pytest.approx(np.sqrt(0.72) * NOISE, rel=0.08)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

@@ -54,7 +54,7 @@ class Diagnosis:
         return self.done.diagnosis.findings
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the answer as plain data, as in ``diagnosis.json`` without remarks on files."""
+        """Return the plain data of ``diagnosis.json`` without remarks on files."""
         document: dict[str, Any] = finite(self.done.diagnosis.to_json())
         return document
 

@@ -50,7 +50,7 @@ def experiment(
     overwrite: bool = False,
     progress: Progress = True,
 ) -> DoneRun:
-    """Simulate an experiment on a structure or a model, with the defaults of ``vlab experiment``.
+    """Simulate an experiment, with the defaults of ``vlab experiment``.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Replay of a recording without a law in the loop, in compiled code.
+"""Compiled replay of a recording without a law in the loop.
 
 Inputs of all steps are known before the run. Steps, port forces and readings follow in compiled code, see
 `vlab.cases.replay` for the order of a step.

@@ -215,7 +215,7 @@ def _runs(plant: Plant, t: Any, inputs: Any, outputs: Any) -> Iterator[tuple[Arr
 
 
 def _sides(plant: Plant, inputs: dict[str, Any], outputs: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the inputs and outputs of a run, where one table was given for both.
+    """Return inputs and outputs of a run from one common table.
 
     The model then tells the sides apart: columns of actuators are inputs, columns of sensors and joints outputs.
     """
@@ -321,7 +321,7 @@ def _columns(
 
 
 def _own_keys(name: str, channels: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the stated keys of a column; a text alone is its unit."""
+    """Return the stated keys of a column; text is its unit."""
     own = channels.get(name, {})
     if isinstance(own, str):
         return {"unit": own}

@@ -16,7 +16,9 @@ References
 """
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -62,6 +64,8 @@ STIFF = 3e-3
 speed of a joint on a stiff servo decays before the first sample and would fit noise."""
 _ACCELERATIONS = ("acceleration", "angular-acceleration", "force", "moment")
 """Kinds of channels that respond to acceleration."""
+NO_MODES = np.zeros(0, dtype=int)
+"""Modes of a state that no linear estimate gave."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -139,14 +143,7 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
     starts_at_rest = bool(run.drives) and begins_at_rest(deviation, np.array(slow, dtype=bool), plant)
     if run.initial == "rest" or not compared or (run.initial == "auto" and starts_at_rest):
         return InitialState(qpos=rest.qpos, qvel=rest.qvel, how="rest")
-    linear: SecondOrderModel | None = None
-    try:
-        linear = plant.linearise()
-    except BadStructure as error:
-        if plant.model.nv > MOST_LOCAL or not all(joint_of(plant, c) for c in compared):
-            raise BadCase(
-                f'{run.name}: the initial state cannot be estimated, say initial = "rest": {error}'
-            ) from error
+    linear = _linearised(plant, run, compared)
     samples = _window(run, np.zeros(0) if linear is None else linear.freq)
     window = replace(_open_loop(run, law, samples, bench), compared=compared)
     clock = plan_clock(plant.timestep, window)
@@ -159,38 +156,81 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
         servoed=_servoed(plant, window),
     )
     size = float(np.sum((problem.measured * problem.weight) ** 2))
-    state, lost, chosen = rest, np.inf, np.zeros(0, dtype=int)
+    best = _Estimate(rest, np.inf, NO_MODES)
     is_measured = len({j[0] for c in compared if (j := joint_of(plant, c)) and j[1] == 0}) == plant.model.nv
     unknown = plant.model.nv - len(problem.servoed)
     can_be_local = plant.model.nv <= MOST_LOCAL and unknown <= PER_CHANNEL * len(compared)
     if linear is not None:
-        x, chosen, expected = estimate_linear_start(problem, linear)
-        state, lost = problem.state(x), _lost(problem, x, offset)
-        is_hopeless = lost > HOPELESS**2 * size and can_be_local
-        if (
-            not is_hopeless
-            and np.isfinite(lost)
-            and lost > min(WORTH**2 * expected + 1e-18 * problem.measured.size, ENOUGH**2 * size)
-        ):
-            x, left = refine(problem, x, window_residual(problem, x, offset), offset)
-            state, lost = problem.state(x), float(left @ left)
+        best = _modal_estimate(problem, linear, offset, size, can_be_local=can_be_local)
     share = LOCAL if is_measured else HOPELESS
-    if lost > share**2 * size and can_be_local:
-        local = _local_start(problem, state if np.isfinite(lost) else rest)
-        nearby, remains = _from_nearby(problem, local, offset)
-        if remains < lost:
-            state, lost, chosen = nearby, remains, np.zeros(0, dtype=int)
-        elif is_measured and not np.isfinite(lost):  # if the model diverges, the measured joints remain the best start
-            state, chosen = local, np.zeros(0, dtype=int)
-    span = float(window.measured.time[-1] - window.measured.time[0])
+    if best.lost > share**2 * size and can_be_local:
+        best = _local_estimate(problem, best, rest, offset, is_measured=is_measured)
     return InitialState(
-        qpos=state.qpos,
-        qvel=state.qvel,
+        qpos=best.state.qpos,
+        qvel=best.state.qvel,
         how="estimated",
-        modes_hz=() if linear is None else tuple(float(f) for f in linear.freq[chosen]),
-        window_s=span,
-        nrmse=float(np.sqrt(lost / size)) if size > 0 else 0.0,
+        modes_hz=() if linear is None else tuple(float(f) for f in linear.freq[best.modes]),
+        window_s=float(window.measured.time[-1] - window.measured.time[0]),
+        nrmse=float(np.sqrt(best.lost / size)) if size > 0 else 0.0,
     )
+
+
+class _Estimate(NamedTuple):
+    """State with its residual and its modes.
+
+    Parameters
+    ----------
+    lost : float
+        Sum of squared residuals on the model.
+    modes : (m,) array of int
+        Modes of the linear estimate.
+    """
+
+    state: State
+    lost: float
+    modes: Array
+
+
+def _linearised(plant: Plant, run: Run, compared: Sequence[Compared]) -> SecondOrderModel | None:
+    """Return the linearised model, or None where a local start may do."""
+    try:
+        return plant.linearise()
+    except BadStructure as error:
+        if plant.model.nv > MOST_LOCAL or not all(joint_of(plant, c) for c in compared):
+            raise BadCase(
+                f'{run.name}: the initial state cannot be estimated, say initial = "rest": {error}'
+            ) from error
+    return None
+
+
+def _modal_estimate(
+    problem: StartProblem, linear: SecondOrderModel, offset: Array, size: float, *, can_be_local: bool
+) -> _Estimate:
+    """Return the linear estimate, refined on the model for large motion."""
+    x, modes, expected = estimate_linear_start(problem, linear)
+    state, lost = problem.state(x), _lost(problem, x, offset)
+    if not np.isfinite(lost) or (can_be_local and lost > HOPELESS**2 * size):
+        return _Estimate(state, lost, modes)
+    if lost > min(WORTH**2 * expected + 1e-18 * problem.measured.size, ENOUGH**2 * size):
+        x, left = refine(problem, x, window_residual(problem, x, offset), offset)
+        state, lost = problem.state(x), float(left @ left)
+    return _Estimate(state, lost, modes)
+
+
+def _local_estimate(
+    problem: StartProblem, best: _Estimate, rest: State, offset: Array, *, is_measured: bool
+) -> _Estimate:
+    """Return a local start where it is better.
+
+    If the model diverges, measured joints remain the best start.
+    """
+    local = _local_start(problem, best.state if np.isfinite(best.lost) else rest)
+    nearby, remains = _from_nearby(problem, local, offset)
+    if remains < best.lost:
+        return _Estimate(nearby, remains, NO_MODES)
+    if is_measured and not np.isfinite(best.lost):
+        return _Estimate(local, best.lost, NO_MODES)
+    return best
 
 
 def _stated(rest: State, start: tuple[Array, Array]) -> InitialState:

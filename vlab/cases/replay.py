@@ -128,7 +128,7 @@ def _played(
     *,
     may_compile: bool,
 ) -> Played:
-    plant, physics = bench.plant, _physics(bench, run, clock, state, is_at_rest)
+    plant, physics = bench.plant, _physics(bench, run, clock, is_at_rest)
     means, present = drives_of(run, clock, plant, stood=not is_at_rest)
     loads = [drive for drive in run.drives if drive.port]
     load_means, load_present = inputs_of(run, clock, loads, stood=not is_at_rest)
@@ -253,7 +253,7 @@ def _read(bench: Bench, run: Run, physics: Running | None, time: float, out: Arr
     return sensors
 
 
-def _physics(bench: Bench, run: Run, clock: Clock, state: State, is_at_rest: bool) -> Running | None:
+def _physics(bench: Bench, run: Run, clock: Clock, is_at_rest: bool) -> Running | None:
     """Return the attached physics of a plant.
 
     A run in the middle of a motion continues from its first readings and commands, a run at rest from the values at

@@ -70,7 +70,7 @@ def process_number(text: str) -> int:
 
 
 def _whole_number(text: str, least: int, why: str) -> int:
-    """Return a whole number of at least some size, or refuse the word."""
+    """Return a whole number of at least some size."""
     try:
         number = int(text)
     except ValueError:

@@ -2,13 +2,14 @@
 
 import argparse
 import json
+from typing import Any
 
 from vlab.cli.common import Outcome, add_seed, progress_bar
 from vlab.cli.destination import add_out, check_out
 from vlab.cli.table import text_table
 from vlab.files.output_folder import finite, output_folder, write_manifest
 from vlab.files.text import in_line
-from vlab.reproduce.correction.pipeline import correct_by_test
+from vlab.reproduce.correction.pipeline import CorrectionTest, correct_by_test
 
 PERIOD_S, PERIODS = 100.0, 3
 
@@ -80,14 +81,22 @@ def run(arguments: argparse.Namespace) -> Outcome:
             progress=progress,
         )
     document = result.as_dict()
+    lines = _lines(arguments, result, document)
+    if arguments.out:
+        _write_folder(arguments, result, document)
+        document["out"] = str(arguments.out)
+    return Outcome(document=document, text="\n".join(lines), holds=result.holds)
+
+
+def _lines(arguments: argparse.Namespace, result: CorrectionTest, document: dict[str, Any]) -> list[str]:
+    """Return the text of the command."""
     keys = ["mode", "model_hz", "true_hz", "measured_hz", "before_use_hz", "corrected_hz", "mac_before", "zeta"]
     headers = ["mode", "model Hz", "true Hz", "measured Hz", "before use Hz", "corrected Hz", "MAC before", "zeta"]
     rows = [[row[key] for key in keys] for row in document["modes"]]
-    count = len(rows)
     lines = [
         f"{in_line(result.fe.structure.title)}, variant {arguments.variant}, {arguments.reduction} reduction to "
         f"{len(document['coordinates'])} coordinates; spread {arguments.spread:g}, noise {arguments.noise:g}, seed {arguments.seed}",
-        f"{document['identified_modes']} modes identified, {count} used; residual of the fit {document['fit_residual']:.2g}",
+        f"{document['identified_modes']} modes identified, {len(rows)} used; residual of the fit {document['fit_residual']:.2g}",
         "",
         text_table(headers, rows),
         "",
@@ -104,33 +113,35 @@ def run(arguments: argparse.Namespace) -> Outcome:
     for row in document["unmeasured"]:
         lines.append(f"not measured: {row['model_hz']:.4f} Hz before, {row['corrected_hz']:.4f} Hz after")
     lines.append(f"measured modes reproduced to {result.error:.1e} relative (accepted: {result.accepted:.1g})")
-    if arguments.out:
-        import numpy as np
+    return lines
 
-        from vlab.modal.mac import mac
-        from vlab.views.figures import mac_figure, to_svg
 
-        with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
-            before, after = result.correction.uncorrected, result.correction.model
-            np.savez(folder / "corrected.npz", M=after.M, C=after.C, K=after.K, coordinates=np.array(after.coordinates))
-            likeness = mac(before.eigen[1], result.measured.shapes)
-            (folder / "mac-before.svg").write_text(
-                to_svg(mac_figure(likeness, rows="model", columns="measured")), encoding="utf-8"
-            )
-            (folder / "correction.json").write_text(
-                json.dumps(finite(document), allow_nan=False, indent=2) + "\n", encoding="utf-8"
-            )
-            write_manifest(
-                folder,
-                verb="correct",
-                structure=result.fe.structure.name,
-                variant=arguments.variant,
-                seed=arguments.seed,
-                modes=arguments.modes,
-                spread=arguments.spread,
-                noise=arguments.noise,
-                reduction=arguments.reduction,
-                coordinates=document["coordinates"],
-            )
-        document["out"] = str(arguments.out)
-    return Outcome(document=document, text="\n".join(lines), holds=result.holds)
+def _write_folder(arguments: argparse.Namespace, result: CorrectionTest, document: dict[str, Any]) -> None:
+    """Write matrices, numbers, figure and manifest."""
+    import numpy as np
+
+    from vlab.modal.mac import mac
+    from vlab.views.figures import mac_figure, to_svg
+
+    with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
+        before, after = result.correction.uncorrected, result.correction.model
+        np.savez(folder / "corrected.npz", M=after.M, C=after.C, K=after.K, coordinates=np.array(after.coordinates))
+        likeness = mac(before.eigen[1], result.measured.shapes)
+        (folder / "mac-before.svg").write_text(
+            to_svg(mac_figure(likeness, rows="model", columns="measured")), encoding="utf-8"
+        )
+        (folder / "correction.json").write_text(
+            json.dumps(finite(document), allow_nan=False, indent=2) + "\n", encoding="utf-8"
+        )
+        write_manifest(
+            folder,
+            verb="correct",
+            structure=result.fe.structure.name,
+            variant=arguments.variant,
+            seed=arguments.seed,
+            modes=arguments.modes,
+            spread=arguments.spread,
+            noise=arguments.noise,
+            reduction=arguments.reduction,
+            coordinates=document["coordinates"],
+        )

@@ -1,6 +1,7 @@
 """``vlab modes``."""
 
 import argparse
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +13,10 @@ from vlab.files.output_folder import output_folder, write_manifest
 from vlab.files.text import in_line
 from vlab.modal.mac import comac, mac
 from vlab.reproduce import cross_check
-from vlab.reproduce.cross_check import SILENT
+from vlab.reproduce.cross_check import SILENT, CrossCheck
 from vlab.signals import Array, ModalModel
 from vlab.structure import load_structure
+from vlab.structure.model import Structure
 
 LEAST_MAC = 0.8
 """LEAST_MAC [1]: MAC below which a plant's mode is no counterpart of the FE model's."""
@@ -72,64 +74,30 @@ def run(arguments: argparse.Namespace) -> Outcome:
     check_out(arguments, read=[arguments.structure])
     check = cross_check(structure, arguments.variant, model=arguments.model, modes=arguments.modes)
     document = check.as_dict()
-    plants = list(check.plants)
     fe_modes = check.fe_modes()
-    plant_modes = {name: check.plant_modes(name) for name in plants}
+    plant_modes = {name: check.plant_modes(name) for name in check.plants}
     alike = {name: comac(_moving(fe_modes), _moving(modes)) for name, modes in plant_modes.items()}
     cross_mac = {name: mac(fe_modes.shapes, modes.shapes) for name, modes in plant_modes.items()}
     document["comac"] = {name: dict(zip(check.points, values.tolist(), strict=True)) for name, values in alike.items()}
     document["cross_mac"] = {name: values.tolist() for name, values in cross_mac.items()}
-    rows = [
-        [row["mode"], row["measured_hz"], row["published_hz"], row["fe_hz"]]
-        + [value for name in plants for value in (row["plant_hz"][name], row["mac"][name])]
-        + [row["zeta"]]
-        for row in document["modes"]
-    ]
-    headers = ["mode", "measured Hz", "published Hz", "FE model Hz"]
-    headers += [text for name in plants for text in (f"MuJoCo {name} Hz", "MAC")] + ["zeta"]
+    headers, rows = _table(document, list(check.plants))
     lines = [
         f"{in_line(structure.title)}, variant {arguments.variant}, {arguments.model} FE model",
         "",
         text_table(headers, rows),
         "",
+        *_plant_lines(document),
+        "",
     ]
-    for name, facts in document["plants"].items():
-        lines.append(
-            f"{name}: {facts['dof']} DOF, step {facts['timestep_s'] * 1e3:g} ms, numerical damping {facts['numerical_damping_ratio']:.1e}, "
-            f"{facts['real_time_factor']:.0f} x real time; leaves out: {'; '.join(facts['left_out'])}"
-        )
-    lines.append("")
     for name, values in alike.items():
         lowest = [f"{check.points[k]} {values[k]:.4f}" for k in values.argsort(kind="stable")[:3]]
         lines.append(f"{name}: lowest COMAC with the FE model over {len(rows)} modes: {', '.join(lowest)}")
-    far = [(row["mode"], name) for row in document["modes"] for name in plants if (row["mac"][name] or 0.0) < LEAST_MAC]
-    if far:
-        named = ", ".join(f"mode {mode} of {name}" for mode, name in far)
-        guyan = "; Guyan reduction is the error here, --model full has none" if arguments.model == "guyan" else ""
-        lines.append(f"no counterpart (MAC below {LEAST_MAC:g}): {named}{guyan}")
+    lines += _unmatched(document, arguments.model)
     lines.append("COMAC and figures compare shape with shape; MAC in the table, a shape with its group of close modes")
     if arguments.out:
-        from vlab.views.figures import mac_figure, mode_difference_figure, mode_shapes_figure, to_svg
         from vlab.views.reports.page import Section, write_report
 
-        responses = {}
-        if arguments.force:
-            from vlab.views.figures.structure_response import response_figures
-
-            responses = response_figures(check.fe, arguments.force, arguments.response or ())
-        drawn = {file: (to_svg(figure), file) for file, figure in responses.items()}
-        for name, modes in plant_modes.items():
-            shapes, matrix = f"shapes-{name}", f"mac-{name}"
-            drawn[shapes] = (to_svg(mode_shapes_figure(structure, fe_modes, modes)), f"Mode shapes, {name} plant.")
-            figure = mac_figure(cross_mac[name], rows="FE", columns=f"{name} plant")
-            drawn[matrix] = (to_svg(figure), f"MAC of the FE model and the {name} plant.")
-            for mode in range(1, fe_modes.freq.size + 1):
-                labels = (f"{name} plant", "analytical (FE)")
-                figure = mode_difference_figure(structure, modes, fe_modes, mode, labels=labels)
-                drawn[f"difference-{name}-mode{mode:02d}"] = (
-                    to_svg(figure),
-                    f"Mode {mode}, {name} plant beside FE model.",
-                )
+        drawn = _figures(arguments, structure, check, cross_mac)
         with output_folder(arguments.out, overwrite=arguments.overwrite) as folder:
             for file, (svg, _) in drawn.items():
                 (folder / f"{file}.svg").write_text(svg, encoding="utf-8")
@@ -144,6 +112,67 @@ def run(arguments: argparse.Namespace) -> Outcome:
         document["out"] = str(arguments.out)
         lines += ["", f"written to {arguments.out}: report.html and {len(drawn)} figures"]
     return Outcome(document=document, text="\n".join(lines))
+
+
+def _table(document: dict[str, Any], plants: list[str]) -> tuple[list[str], list[list[Any]]]:
+    """Return headers and rows of the frequencies."""
+    headers = ["mode", "measured Hz", "published Hz", "FE model Hz"]
+    headers += [text for name in plants for text in (f"MuJoCo {name} Hz", "MAC")] + ["zeta"]
+    rows = [
+        [row["mode"], row["measured_hz"], row["published_hz"], row["fe_hz"]]
+        + [value for name in plants for value in (row["plant_hz"][name], row["mac"][name])]
+        + [row["zeta"]]
+        for row in document["modes"]
+    ]
+    return headers, rows
+
+
+def _plant_lines(document: dict[str, Any]) -> list[str]:
+    return [
+        f"{name}: {facts['dof']} DOF, step {facts['timestep_s'] * 1e3:g} ms, numerical damping {facts['numerical_damping_ratio']:.1e}, "
+        f"{facts['real_time_factor']:.0f} x real time; leaves out: {'; '.join(facts['left_out'])}"
+        for name, facts in document["plants"].items()
+    ]
+
+
+def _unmatched(document: dict[str, Any], model: str) -> list[str]:
+    """Return a line on modes without a counterpart, if there are any."""
+    plants = list(document["plants"])
+    far = [(row["mode"], name) for row in document["modes"] for name in plants if (row["mac"][name] or 0.0) < LEAST_MAC]
+    if not far:
+        return []
+    named = ", ".join(f"mode {mode} of {name}" for mode, name in far)
+    guyan = "; Guyan reduction is the error here, --model full has none" if model == "guyan" else ""
+    return [f"no counterpart (MAC below {LEAST_MAC:g}): {named}{guyan}"]
+
+
+def _figures(
+    arguments: argparse.Namespace, structure: Structure, check: CrossCheck, cross_mac: dict[str, Array]
+) -> dict[str, tuple[str, str]]:
+    """Return SVG figures with their captions, by name of the file."""
+    from vlab.views.figures import mac_figure, mode_difference_figure, mode_shapes_figure, to_svg
+
+    responses = {}
+    if arguments.force:
+        from vlab.views.figures.structure_response import response_figures
+
+        responses = response_figures(check.fe, arguments.force, arguments.response or ())
+    drawn = {file: (to_svg(figure), file) for file, figure in responses.items()}
+    fe_modes = check.fe_modes()
+    for name in check.plants:
+        modes = check.plant_modes(name)
+        drawn[f"shapes-{name}"] = (
+            to_svg(mode_shapes_figure(structure, fe_modes, modes)),
+            f"Mode shapes, {name} plant.",
+        )
+        figure = mac_figure(cross_mac[name], rows="FE", columns=f"{name} plant")
+        drawn[f"mac-{name}"] = (to_svg(figure), f"MAC of the FE model and the {name} plant.")
+        for mode in range(1, fe_modes.freq.size + 1):
+            labels = (f"{name} plant", "analytical (FE)")
+            figure = mode_difference_figure(structure, modes, fe_modes, mode, labels=labels)
+            caption = f"Mode {mode}, {name} plant beside FE model."
+            drawn[f"difference-{name}-mode{mode:02d}"] = (to_svg(figure), caption)
+    return drawn
 
 
 def _moving(modes: ModalModel) -> Array:

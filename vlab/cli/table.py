@@ -80,7 +80,7 @@ def _fitted(natural: Sequence[int], least: Sequence[int], room: int | None) -> l
 
 
 def _least(column: Sequence[str], longest: int) -> int:
-    """Return the smallest width of a column that breaks only words beyond the longest."""
+    """Return the smallest width of a column without broken words."""
     return max((min(len(word), longest) for cell in column for word in cell.split()), default=1)
 
 

@@ -29,7 +29,7 @@ RATIO_OF_SEARCH = (
 
 
 def share(part: float) -> str:
-    """Return a share as a percentage that is 100 % only where nothing is left.
+    """Return a share in per cent, 100 only where nothing is left.
 
     Parameters
     ----------
@@ -67,9 +67,9 @@ def scope_note(effects: Sequence[Effect], at: Collection[str]) -> tuple[str, ...
     """
     names = {effect.name for effect in effects}
     left_out = sum(effect.name not in names for effect in CANDIDATES)
-    said = [f"{left_out} of {len(CANDIDATES)} effects of the catalogue"] if left_out else []
-    said += [f"all places but {', '.join(at)}"] if at else []
-    return (f"not searched, as asked: {' and '.join(said)}",) if said else ()
+    left = [f"{left_out} of {len(CANDIDATES)} effects of the catalogue"] if left_out else []
+    left += [f"all places but {', '.join(at)}"] if at else []
+    return (f"not searched, as asked: {' and '.join(left)}",) if left else ()
 
 
 def before_heading(checked: Sequence[Distance]) -> str:
@@ -238,8 +238,8 @@ def not_excluded(choice: Choice, verdict: str, reported: Sequence[Term]) -> tupl
     if verdict in NAMING and choice.best.terms:
         labels, first = {term.label for term in reported}, choice.best.terms[0]
         others = [h.label for h in choice.alike if {term.label for term in h.terms} != labels]
-        out += [f"{label} has as small a residual" for label in others[:5]]
-        likely = [p for p, share in choice.places.items() if share > 0.05 and p != first.place.name]
+        out += [f"{label} has as small a residual" for label in others[: ADVICE.most_alike]]
+        likely = [p for p, share in choice.places.items() if share > ADVICE.likely_place and p != first.place.name]
         out += [f"{first.effect.name} at {p}" for p in likely if first.label in labels]
     elif verdict == "nothing-missing" or verdict in NAMING:
         out.append("effects smaller than the noise and the uncertainty of the model")
@@ -318,6 +318,6 @@ def next_measurement(choice: Choice, verdict: str, shown: Sequence[str] = (), at
     measurement = separating_measurement(families) if len(families) > 1 or len(choice.alike) > 1 else ""
     if measurement:
         return measurement
-    if len([p for p in choice.places.values() if p > 0.1]) > 1:
+    if len([p for p in choice.places.values() if p > ADVICE.open_place]) > 1:
         return "a sensor between the remaining places, " + " and ".join(list(choice.places)[:2])
     return choice.best.terms[0].effect.traits.tested_by or _AGAIN

@@ -37,7 +37,7 @@ class DataFindings:
         Significant and benign mains interference.
     damage : DataQuality
         Data quality of the recordings.
-    zeros : tuple of SensorOffset
+    offsets : tuple of SensorOffset
         Large sensor offsets of the last fit.
     noise : tuple of str
         Noise of every channel and its source.
@@ -49,7 +49,7 @@ class DataFindings:
     interferences: tuple[MainsInterference, ...]
     benign_interferences: tuple[MainsInterference, ...]
     damage: DataQuality
-    zeros: tuple[SensorOffset, ...] = ()
+    offsets: tuple[SensorOffset, ...] = ()
     noise: tuple[str, ...] = ()
 
     @property
@@ -60,7 +60,7 @@ class DataFindings:
             or bool(self.stops)
             or bool(self.steps)
             or bool(self.interferences)
-            or bool(self.zeros)
+            or bool(self.offsets)
         )
 
     def quality_lines(self, *, is_named: bool) -> tuple[str, ...]:
@@ -111,7 +111,7 @@ class DataFindings:
         ]
         return out + [
             finding_of_offset(offset, units[offset.channel], alike_offsets(offset.channel, problem))
-            for offset in self.zeros
+            for offset in self.offsets
         ]
 
 
@@ -182,7 +182,7 @@ def finding_of_limit(limit: CommandLimit, problem: Problem) -> Finding:
     index = problem.plant.actuator_index(limit.actuator)
     unit = command_unit(problem, index)
     scale = float(law.per_actuator[list(law.actuators).index(index)])
-    told = "the law receives the limited command" if limit.is_known else "the law does not know of it"
+    reach = "the law receives the limited command" if limit.is_known else "the law does not know of it"
     # odds of the replay errors, at the effective sample size of every score
     odds = (limit.after / limit.before) ** EVIDENCE.model_error_samples
     return Finding(
@@ -196,7 +196,7 @@ def finding_of_limit(limit: CommandLimit, problem: Problem) -> Finding:
         parameters={"limit": _estimated(limit.limit * scale, limit.sd * scale, unit)},
         law=effect.law,
         words=f"{effect.words}; the replayed law misses the recorded commands by {100 * limit.before:.0f} % without it and "
-        f"{100 * limit.after:.0f} % with it, and {told}",
+        f"{100 * limit.after:.0f} % with it, and {reach}",
     )
 
 
@@ -218,8 +218,8 @@ def finding_of_interference(interference: MainsInterference, unit: str) -> Findi
     lines = " and ".join(f"{k * interference.frequency:.2f} Hz" for k in interference.harmonics)
     words = f"at {lines}, {100 * interference.share:.2g} % of the channel's rms, steady, at a phase of its own in every recording"
     parameters = {
-        "amplitude": _known(np.sqrt(2) * interference.rms, 0.05, unit),
-        "frequency": _known(interference.frequency, 1e-3, "Hz"),
+        "amplitude": _known(np.sqrt(2) * interference.rms, DATA_FINDINGS.amplitude_sd, unit),
+        "frequency": _known(interference.frequency, DATA_FINDINGS.exact_sd, "Hz"),
     }
     return _seen("mains-hum", interference.channel, parameters, words)
 
@@ -227,7 +227,7 @@ def finding_of_interference(interference: MainsInterference, unit: str) -> Findi
 def finding_of_stop(stop: SensorLimit, unit: str) -> Finding:
     """Return the finding of a sensor's range limit."""
     words = f"{100 * stop.share:.2g} % of its samples stand at exactly that value"
-    return _seen("sensor-clipping", stop.channel, {"limit": _known(stop.limit, 1e-3, unit)}, words)
+    return _seen("sensor-clipping", stop.channel, {"limit": _known(stop.limit, DATA_FINDINGS.exact_sd, unit)}, words)
 
 
 def finding_of_step(step: SensorStep, unit: str) -> Finding:
@@ -322,7 +322,7 @@ def _seen(name: str, channel: str, parameters: dict[str, dict[str, Any]], words:
 
 def _estimated(value: float, sd: float, unit: str) -> dict[str, Any]:
     """Return a value with its normal 90 % interval."""
-    spread = 1.645 * sd
+    spread = FINDINGS.half_width * sd
     return {"value": value, "unit": unit, "ci90": [value - spread, value + spread]}
 
 

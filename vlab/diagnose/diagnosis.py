@@ -140,7 +140,7 @@ class Attempt:
 
     @property
     def holds(self) -> bool:
-        """Whether the attempt is finite, determined, and improves on the model without it."""
+        """Whether the attempt is finite, determined, and an improvement."""
         tests = verifying(self.checked)
         before, after = total(tests, "before"), total(tests, "after")
         labels = {term.label for term in self.fit.terms}

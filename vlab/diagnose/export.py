@@ -17,6 +17,7 @@ from vlab.cases.clock import plan_clock
 from vlab.cases.compare import compare_run
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.model_kinds.model_kind import CalibratedModel
+from vlab.diagnose.parameters.terms import attached
 from vlab.diagnose.pipeline import Diagnosed
 from vlab.diagnose.predictors.frequency_problem import FrequencyProblem
 from vlab.diagnose.settings import EXPORT
@@ -229,9 +230,8 @@ def _added(done: Done) -> tuple[list[Attached], Array]:
     """Return the effects of the findings, and the calibrated log factors."""
     found = bool(done.diagnosis.findings)
     terms = done.fit.terms if found else ()
-    effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in terms]
     is_final = found or isinstance(done, Diagnosed) or not done.choice.best.terms
-    return effects, done.fit.theta if is_final else done.found.before.fit.theta
+    return attached(terms), done.fit.theta if is_final else done.found.before.fit.theta
 
 
 def _calibrated_plant(done: Done, effects: Sequence[Attached], theta: Array) -> Plant:

@@ -74,7 +74,7 @@ def findings_of_terms(choice: Choice, fit: Fit, problem: Reportable) -> list[Fin
         parameters: dict[str, dict[str, Any]] = {}
         for parameter in term.effect.parameters:
             value, sd = term.values[parameter.name], fit.sd.get(f"{term.label}:{parameter.name}", 0.0)
-            low, high = _interval(parameter, float(value), 1.645 * sd)
+            low, high = _interval(parameter, float(value), FINDINGS.half_width * sd)
             unit = _unit(parameter.unit, term, problem)
             parameters[parameter.name] = {"value": float(value), "unit": unit, "ci90": [float(low), float(high)]}
         is_first = bool(choice.best.terms) and term.effect.physics == choice.best.terms[0].effect.physics
@@ -365,6 +365,6 @@ def _most(places: dict[str, float]) -> tuple[str, ...]:
     for name, probability in places.items():
         out.append(name)
         held += probability
-        if held >= 0.9:
+        if held >= FINDINGS.credible:
             break
     return tuple(out)

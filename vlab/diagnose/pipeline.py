@@ -39,7 +39,7 @@ from vlab.diagnose.search.confirmation import Confirmation, Confirmed
 from vlab.diagnose.search.deadline import Deadline
 from vlab.diagnose.search.left_out_recordings import with_left_out
 from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised, choose_model_class
-from vlab.diagnose.search.sampling_convention import said
+from vlab.diagnose.search.sampling_convention import note_of_conventions
 from vlab.diagnose.search.selection import TimeFound
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import explained_share, total
@@ -214,7 +214,7 @@ class _Pass:
         End of the search.
     scope : tuple of str
         Note on a restricted search.
-    told : str
+    note : str
         Note of an earlier pass.
     checked_file : FileCheck or None
         File check of an earlier pass.
@@ -227,11 +227,11 @@ class _Pass:
     began: float
     deadline: Deadline
     scope: tuple[str, ...] = ()
-    told: str = ""
+    note: str = ""
     checked_file: FileCheck | None = None
 
     def run(self) -> Diagnosed | RejectedCase:
-        """Return the diagnosis, after further passes where this one shows other conventions or steps."""
+        """Return the diagnosis after all passes."""
         self.report(0.0, "reading")
         meshed = model_kind_of(self.whole_case).with_corrected_mesh(self.whole_case)
         case, static_offsets = remove_static_offsets(meshed)
@@ -240,10 +240,12 @@ class _Pass:
             return reject_case(self.whole_case, file, time.monotonic() - self.began)
         searched = self._search(case, file, static_offsets)
         self.report(0.8, "fitting whole recordings")
-        is_final = bool(self.told) or bool(searched.seen.damage.fatal)
+        is_final = bool(self.note) or bool(searched.seen.damage.fatal)
         other = None if is_final else choose_convention(searched.model_class, searched.found, self.whole_case)
         if other is not None:
-            again = replace(self, whole_case=other.of(self.whole_case), told=said([other.words]), checked_file=file)
+            again = replace(
+                self, whole_case=other.of(self.whole_case), note=note_of_conventions([other.words]), checked_file=file
+            )
             return again.run()
         judged = self._judge(searched, self._confirm(searched))
         if isinstance(judged, _Pass):
@@ -251,7 +253,7 @@ class _Pass:
         return self._again(searched, judged) or self._diagnosed(searched, judged)
 
     def _again(self, searched: _Searched, judged: _Judged) -> Diagnosed | None:
-        """Return the diagnosis of another search where this one explains nothing, or less than half.
+        """Return the diagnosis of another search where this one fails.
 
         A sensor fault can absorb the linear error of a model, and the forward selection then misses the physics. The second
         search is without sensor faults, the third for a tabulated force at a place.
@@ -278,10 +280,10 @@ class _Pass:
         return None
 
     def _other(
-        self, searched: _Searched, effects: Sequence[Effect], told: str
+        self, searched: _Searched, effects: Sequence[Effect], note: str
     ) -> tuple["_Pass", _Searched, _Judged | None]:
-        """Return a search of other effects, and its judgement if it names something."""
-        other = replace(self, effects=effects, told="; ".join(filter(None, [self.told, told])))
+        """Return a search of other effects and its judgement."""
+        other = replace(self, effects=effects, note="; ".join(filter(None, [self.note, note])))
         if self.deadline.is_past:
             return other, searched, None
         found = searched.model_class.search(effects, lambda share, what: None, self.deadline)
@@ -373,17 +375,17 @@ class _Pass:
                 verdict, tried, trials = second, again, finer
                 judged = replace(judged, before=trials.before, after=with_finer_steps(judged.after))
                 coarse += "; the verdict is on the shorter ones"
-            elif not self.told:  # the fit compensates the coarse steps, so the search repeats
-                told = f"{coarse}; all of the search is with the shorter ones"
+            elif not self.note:  # the fit compensates the coarse steps, so the search repeats
+                note = f"{coarse}; all of the search is with the shorter ones"
                 finer_case = replace(self.whole_case, plant=with_finer_steps(trials.nominal).plant)
-                return replace(self, whole_case=finer_case, told=told, checked_file=searched.file)
+                return replace(self, whole_case=finer_case, note=note, checked_file=searched.file)
             judged = replace(judged, notes=(coarse,))
         notes = (*judged.notes, *(note for checked in tried.checked for note in checked.notes))
         judged = replace(judged, verdict=verdict, tried=tried, notes=notes)
         return self._graded(searched, judged, trials) if verdict == "none-of-these" else judged
 
     def _graded(self, searched: _Searched, judged: _Judged, trials: Trials) -> _Judged:
-        """Return a partial explanation where an attempt is one, otherwise the best attempt."""
+        """Return the partial explanation, or else the best attempt."""
         assert judged.tried is not None
         others = (h for h in searched.found.hypotheses if h.label != judged.choice.best.label)
         has_mesh_error = searched.problem.model_kind.has_mesh_error
@@ -471,7 +473,7 @@ class _Pass:
             *notes_on_models(checked),
             *idle_note(idle),
             *judged.notes,
-            *([self.told] if self.told else []),
+            *([self.note] if self.note else []),
             *self.scope,
             *(offset.line for offset in searched.static_offsets),
             *searched.notes,

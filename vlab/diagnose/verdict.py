@@ -57,13 +57,16 @@ def closes_gap(checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
 
 
 def _is_nearly_closed_in_most(tests: Sequence[Checked]) -> bool:
-    """Return whether the gap is nearly closed in most recordings, and half closed in each."""
+    """Return whether the gap is closed in most recordings.
+
+    The gap is nearly closed in most recordings, and half closed in each.
+    """
     gaps = [gap for run in tests if (gap := gap_closed(run.start, run.after, run.noise)) is not None]
     return bool(len(gaps) > 2 and np.median(gaps) >= VERDICT.nearly_all and min(gaps) >= VERDICT.least_to_noise)
 
 
 def _is_complete(checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
-    """Return whether the residual is within noise and model error, or the gap nearly closed."""
+    """Return whether the residual is allowed or the gap nearly closed."""
     tests = verifying(checked)
     errors = errors_of(tests)
     gap = gap_closed(total(tests, "start"), errors["after"], errors["noise"])
@@ -109,7 +112,7 @@ def is_needed(choice: Choice, checked: Sequence[Checked], *, model_kind: ModelKi
 
 
 def is_within_noise(checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
-    """Return whether the residual of the extended model is within noise and stated model error."""
+    """Return whether the residual is within noise and model error."""
     return not model_kind.is_mismatch(total(checked, "after"), total(checked, "noise"))
 
 
@@ -152,7 +155,8 @@ def is_incoherent(checked: Sequence[Checked]) -> bool:
 def is_gaussian(checked: Sequence[Checked]) -> bool:
     """Return whether every residual may be stationary Gaussian noise.
 
-    The test has the false-alarm rate of the verdict. Physics that comes and goes, as an intermittent contact, has bursts. So has noise that rings up a lightly damped mode.
+    The test has the false-alarm rate of the verdict. Physics that comes and goes, as an intermittent contact, has
+    bursts. Noise that rings up a lightly damped mode has bursts as well.
     """
     rate = VERDICT.false_alarm_rate / max(len(checked), 1)
     return all(c.is_gaussian(rate) for c in checked)
@@ -265,7 +269,7 @@ def _predicts_better(checked: Sequence[Distance]) -> bool:
 
 
 def explains_most(checked: Sequence[Distance]) -> bool:
-    """Return whether findings explain a part of the mismatch that exceeds the rest.
+    """Return whether findings explain more of the mismatch than remains.
 
     Parameters
     ----------
@@ -365,7 +369,7 @@ def is_plausible_beside_noise(fit: Fit) -> bool:
 
 
 def _accepts(fit: Fit, departure: float) -> bool:
-    """Return whether squared deviations are those of a posterior mode under the stated prior.
+    """Return whether squared deviations agree with the stated prior.
 
     The mode deviates by the variance that the data remove from the prior. The sum of squares is a weighted sum of
     chi-squared variables. A scaled chi-squared distribution of the same mean and variance approximates it [1]_.
@@ -418,7 +422,7 @@ def decide_verdict(
     """Return the verdict on the checked recordings.
 
     An explanation that closes the gap is complete where the residual is within noise and model error, or the gap nearly
-    closed. It is partial otherwise.
+    closed. Otherwise the explanation is partial.
 
     A residual counts as coloured noise only beside a calibrated model with plausible parameters. Implausible parameters
     show that the model lacks something, and short recordings show the coherence of a residual poorly. A residual within noise
@@ -482,7 +486,7 @@ def decide_verdict(
 def _may_be_damage(damage: DataQuality, checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
     """Return whether damage may explain the mismatch.
 
-    It may not where a recording shows a mismatch before its first damage.
+    Damage explains no mismatch that a recording shows before its first damage.
     """
 
     def is_shown(run: Checked) -> bool:

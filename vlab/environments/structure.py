@@ -221,7 +221,7 @@ class StructureEnv(gymnasium.Env):
         return float(away @ self._stiffness @ away + data.qvel @ self._mass @ data.qvel) / 2
 
     def _static_shapes(self) -> Array:
-        """Return the static deflection under a unit force of each coil, (n_dofs, n_coils)."""
+        """Return static deflections (n_dofs, n_coils) under unit forces of the coils."""
         return np.asarray(np.linalg.lstsq(self._stiffness, self._plant.actuator_forces(), rcond=1e-12)[0])
 
     def _observation(self) -> Array:

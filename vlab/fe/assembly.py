@@ -8,7 +8,7 @@ import numpy as np
 from vlab.errors import BadStructure
 from vlab.fe import elements as el
 from vlab.fe.damping import modal_factors, modal_ratios
-from vlab.fe.in_plane import Resultants, in_plane_resultants
+from vlab.fe.in_plane import Resultants, end_columns, in_plane_resultants
 from vlab.fe.mesh import Element, Mesh, build_mesh
 from vlab.fe.model import TUNING, FeModel, Piece, bending_map, torsion_map
 from vlab.fe.one_mode import OneModeBar, one_mode_bar
@@ -97,10 +97,6 @@ def _kept(pieces: tuple[Piece, ...], keep: list[int]) -> tuple[Piece, ...]:
     return tuple(out)
 
 
-def _columns(element: Element) -> list[int]:
-    return [3 * element.start + i for i in range(3)] + [3 * element.end + i for i in range(3)]
-
-
 def _pieces(structure: Structure, mesh: Mesh, variant: Variant, one_mode: OneModeBar | None) -> Iterator[Piece]:
     """Yield the parts of mass and stiffness.
 
@@ -112,7 +108,7 @@ def _pieces(structure: Structure, mesh: Mesh, variant: Variant, one_mode: OneMod
         m, k = _element_matrices(element, mesh, lines.get(element.bar))
         if i in hanging:
             k += _hanging_stiffness(element, mesh, hanging[i], variant)
-        yield Piece(f"{element.bar}:{i}", tuple(_columns(element)), m, k)
+        yield Piece(f"{element.bar}:{i}", tuple(end_columns(element)), m, k)
     yield from _points(structure, mesh)
     if one_mode is not None:
         columns = (3 * mesh.node(one_mode.root), 3 * len(mesh.nodes))
@@ -171,7 +167,7 @@ def _hanging_moments(structure: Structure, mesh: Mesh, vertical: set[str]) -> Ar
             weight = np.zeros(n)
             for element in (e for e in mesh.elements if e.bar == bar.name):
                 mass = _element_matrices(element, mesh, None)[0]
-                weight[_columns(element)] += structure.gravity * mass @ np.array([1.0, 0, 0, 1.0, 0, 0])
+                weight[end_columns(element)] += structure.gravity * mass @ np.array([1.0, 0, 0, 1.0, 0, 0])
             for name in bar.points:
                 if name != clamp.at:
                     weight[3 * mesh.node(name)] += structure.gravity * structure.point_mass(name)

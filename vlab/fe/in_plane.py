@@ -76,14 +76,14 @@ def in_plane_resultants(structure: Structure, mesh: Mesh) -> dict[int, Resultant
     K, load = np.zeros((n, n)), np.zeros(n)
     for i in hanging:
         stiffness, weight, T = _frame_element(structure, mesh, mesh.elements[i])
-        columns = _columns(mesh.elements[i])
+        columns = end_columns(mesh.elements[i])
         K[np.ix_(columns, columns)] += T.T @ stiffness @ T
         load[columns] += T.T @ weight
     points = {p.name for p in structure.point}
     for k, node in enumerate(mesh.nodes):
         if node.name in points:
             load[3 * k + 1] -= structure.gravity * structure.point_mass(node.name)
-    used = {c for i in hanging for c in _columns(mesh.elements[i])}
+    used = {c for i in hanging for c in end_columns(mesh.elements[i])}
     free = sorted(used - {3 * k for k in held} - {3 * k + 1 for k in held})
     block = K[np.ix_(free, free)]
     if np.linalg.cond(block) > 1e14:
@@ -95,7 +95,8 @@ def in_plane_resultants(structure: Structure, mesh: Mesh) -> dict[int, Resultant
     return {i: _recover(structure, mesh, mesh.elements[i], motion) for i in hanging}
 
 
-def _columns(element: Element) -> list[int]:
+def end_columns(element: Element) -> list[int]:
+    """Return the columns of an element, three coordinates an end."""
     return [3 * element.start + i for i in range(3)] + [3 * element.end + i for i in range(3)]
 
 
@@ -127,6 +128,6 @@ def _loads(structure: Structure, mesh: Mesh, element: Element) -> tuple[float, f
 
 def _recover(structure: Structure, mesh: Mesh, element: Element, motion: Array) -> Resultants:
     k, weight, T = _frame_element(structure, mesh, element)
-    force = k @ T @ motion[_columns(element)] - weight
+    force = k @ T @ motion[end_columns(element)] - weight
     along, across = _loads(structure, mesh, element)
     return Resultants(axial=-force[0], shear=-force[1], moment=force[2], load_along=along, load_across=across)

@@ -192,7 +192,7 @@ def _fitted(value: Any, hint: Any) -> Any:
 
 
 def _plain(value: Any, hint: type) -> Any:
-    """Return a value as a plain type or an object of a class."""
+    """Return a value as a plain type or an object."""
     if hint is str and isinstance(value, Path):
         return str(value)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
@@ -204,7 +204,7 @@ def _plain(value: Any, hint: type) -> Any:
 
 
 def _sequence(value: Any, item: Any) -> Any:
-    """Return a sequence with fitted items; a single text is a sequence of one."""
+    """Return a sequence with fitted items; text is one item."""
     if isinstance(value, str):
         return (_fitted(value, item),)
     if not isinstance(value, Iterable) or isinstance(value, Mapping) or hasattr(value, "columns"):

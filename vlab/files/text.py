@@ -58,7 +58,7 @@ def one_line(text: object, *, longest: int = 400) -> str:
 
 
 def in_digits(value: float, digits: int = 3) -> str:
-    """Return a number for a sentence, without an exponent up to a million.
+    """Return a number without an exponent, for a sentence.
 
     Parameters
     ----------

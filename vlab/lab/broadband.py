@@ -240,7 +240,7 @@ class Sweep(Banded):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Signal description for the recording, with the band, beyond which little force leaks."""
+        """Description of the signal with its band, for the recording."""
         return {"signal": "periodic", "period_s": self.period_s, "band_hz": [self.low_hz, self.high_hz]}
 
     def sample(self, time: Array) -> Array:

@@ -173,7 +173,7 @@ def _name_of(law: Any) -> str:
 
 
 def _source_of(law: Any) -> str:
-    """Return the source text of a function or of an object's class, if known."""
+    """Return the source of a function or of an object's class."""
     try:
         return inspect.getsource(law if inspect.isroutine(law) else type(law))
     except (OSError, TypeError):  # built in, or typed at a prompt

@@ -1,4 +1,4 @@
-"""A user's MJCF model as a bench: sensors, hardware, excitation and law of an experiment.
+"""Bench of a user's MJCF model: sensors, hardware, excitation, law.
 
 The hardware is ideal: a command acts in the sample that it is computed from, and is held for the sample. A recording
 therefore holds all that drives the model. Every named actuator is excited by a signal of its own. Band and levels follow
@@ -236,7 +236,7 @@ class BenchExcitation:
 
 
 def bench_excitation(settings: "RunSettings", plant: MjcfPlant, rate: float) -> tuple[Excitation, str]:
-    """Return the excitation of a run on a user's model, and its places.
+    """Return excitation and places of a run on a user's model.
 
     Parameters
     ----------
@@ -286,7 +286,7 @@ def bench_excitation(settings: "RunSettings", plant: MjcfPlant, rate: float) -> 
 
 
 def _seed(seed: int, number: int) -> int:
-    """Return the seed of an actuator's signal; the first has the seed of the run."""
+    """Return an actuator's seed; the first has that of the run."""
     return seed if number == 0 else int(np.random.default_rng([seed, number]).integers(2**32))
 
 
@@ -309,7 +309,7 @@ def _linear(plant: MjcfPlant) -> SecondOrderModel | None:
 def _band(
     settings: "RunSettings", kind: Any, stated: Collection[str], linear: SecondOrderModel | None, rate: float
 ) -> dict[str, float | None]:
-    """Return the band: as stated, or up to the fastest pole of the model."""
+    """Return the stated band, or that up to the fastest pole."""
     if settings.high_hz is not None and settings.high_hz > rate / 2:
         raise BadExperiment(
             f"the band reaches {settings.high_hz:g} Hz; samples at {rate:g} Hz drive and record up to {rate / 2:g} Hz"
@@ -392,7 +392,7 @@ def _two_digits(value: float) -> float:
 
 
 class _RelativeMotion:
-    """Linear motion of every degree of freedom over its room, under each actuator's signal."""
+    """Linear motion of every degree of freedom over its room."""
 
     def __init__(
         self, unit: Array, plant: MjcfPlant, linear: SecondOrderModel, index: Sequence[int], rate: float
@@ -408,7 +408,7 @@ class _RelativeMotion:
             self.response[k] = _solved(impedance, forces * spectrum[line]) / room[:, None]
 
     def peaks(self, levels: Array) -> Array:
-        """Return the largest motion of any degree of freedom under each column of levels, (n_columns,)."""
+        """Return the largest motion (n_columns,) of any degree of freedom."""
         out = np.zeros(levels.shape[1])
         for dof in range(self.response.shape[1]):
             whole = np.zeros((self.samples // 2 + 1, levels.shape[1]), dtype=complex)

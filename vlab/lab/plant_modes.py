@@ -33,7 +33,7 @@ POSITION_STEP = 1e-6
 
 
 def plant_modes(plant: Plant, outputs: Sequence[str], *, low_hz: float, high_hz: float) -> ModalModel:
-    """Return the damped modes of the integrated plant in a band at its sensors.
+    """Return the damped modes of the integrated plant in a band.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def plant_modes(plant: Plant, outputs: Sequence[str], *, low_hz: float, high_hz:
 
 
 def _poles(plant: Plant, linear: SecondOrderModel) -> tuple[ComplexArray, ComplexArray]:
-    """Return the poles s [rad/s] of the integrated plant, and the eigenvectors of its state."""
+    """Return poles [rad/s] and eigenvectors of the integrated plant."""
     n, h = linear.n, plant.timestep
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(linear.M, np.hstack([linear.K, linear.C]))]])
     s, vectors = linalg.eig(A)

@@ -135,7 +135,7 @@ def suited(settings: RunSettings) -> Suited:
 
 
 def _bench(settings: RunSettings, name: str) -> tuple[Plant, float, float]:
-    """Return the plant of a run with its effects, and the excited band [Hz]."""
+    """Return the plant of a run and the excited band [Hz]."""
     if settings.is_own_model:
         prepared = settings.prepare()
         signal = prepared.experiment.excitation
@@ -241,7 +241,7 @@ def _places(settings: RunSettings) -> list[str]:
 
 
 def _coils(plant: Plant, exciter: str, low: float, high: float) -> str:
-    """Return the coils that together excite every mode of the band, with commas between.
+    """Return coils that together excite all modes, with commas between.
 
     A mode with a node at one coil needs another. The exciter of the structure comes first. Each further coil is the one
     with the most modes that none before excites. A coil excites a mode with `SEEN` of the participation of the best coil.

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,18 +107,28 @@ def _whole(group: Sequence[MeasuredFrequencyResponse], outputs: tuple[str, ...])
             f"the responses to {singles[0].inputs[0]} have too few frequency lines in common; measure all on one set of lines"
         )
     kept = [single._lines(at) for single, at in zip(singles, lines, strict=True)]
+    return [_joined(kept, axis=1, outputs=outputs)]
+
+
+def _joined(kept: Sequence[MeasuredFrequencyResponse], *, axis: int, **names: Any) -> MeasuredFrequencyResponse:
+    """Return responses at common lines, side by side along an axis.
+
+    A multiple coherence is one for all inputs, and the lowest stands for all.
+    """
     coherences = [one.coherence for one in kept if one.coherence is not None]
     variances = [one.variance for one in kept if one.variance is not None]
-    joined = replace(
+    coherence = None
+    if len(coherences) == len(kept):
+        coherence = np.concatenate(coherences, axis=1) if axis == 1 else np.min(coherences, axis=0)
+    return replace(
         kept[0],
-        H=np.concatenate([one.H for one in kept], axis=1),
-        outputs=outputs,
+        H=np.concatenate([one.H for one in kept], axis=axis),
         unit=kept[0].unit if len({one.unit for one in kept}) == 1 else "",
-        coherence=np.concatenate(coherences, axis=1) if len(coherences) == len(kept) else None,
-        variance=np.concatenate(variances, axis=1) if len(variances) == len(kept) else None,
+        coherence=coherence,
+        variance=np.concatenate(variances, axis=axis) if len(variances) == len(kept) else None,
         n_averages=min(one.n_averages for one in kept),
+        **names,
     )
-    return [joined]
 
 
 def _in_order(response: MeasuredFrequencyResponse, outputs: tuple[str, ...]) -> MeasuredFrequencyResponse:
@@ -191,14 +202,4 @@ def _side_by_side(columns: Sequence[MeasuredFrequencyResponse]) -> MeasuredFrequ
             "the recordings to different inputs have too few frequency lines in common; excite all in one band with one period"
         )
     kept = [column._lines(at) for column, at in zip(columns, lines, strict=True)]
-    coherences = [c.coherence for c in kept if c.coherence is not None]
-    variances = [c.variance for c in kept if c.variance is not None]
-    return replace(
-        kept[0],
-        H=np.concatenate([c.H for c in kept], axis=2),
-        inputs=tuple(names),
-        unit=kept[0].unit if len({c.unit for c in kept}) == 1 else "",
-        coherence=np.min(coherences, axis=0) if len(coherences) == len(kept) else None,
-        variance=np.concatenate(variances, axis=2) if len(variances) == len(kept) else None,
-        n_averages=min(c.n_averages for c in kept),
-    )
+    return _joined(kept, axis=2, inputs=tuple(names))

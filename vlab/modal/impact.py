@@ -149,12 +149,8 @@ def estimate_impact_frf(
             f"{len(blows)} blows were found in {inputs[0]!r} and {what}; strike once a block, or give --segment"
         )
     decay = -np.log(end_level) / (length * dt)
+    X, Y = _cut(force, motion, used, lead, length)
     window = np.exp(-decay * dt * (np.arange(length) - lead))
-    X, Y = np.zeros((len(used), length, 1)), np.empty((len(used), length, len(outputs)))
-    for i, blow in enumerate(used):
-        begin = blow.start - lead
-        X[i, lead : lead + blow.stop - blow.start, 0] = force[blow.start : blow.stop]
-        Y[i] = motion[begin : begin + length]
     X, Y = X * window[:, None], Y * window[:, None]
     power = np.mean(np.abs(np.fft.rfft(X[:, :, 0], axis=1)) ** 2, axis=0)
     keep = power > USABLE * power.max()
@@ -180,6 +176,16 @@ def estimate_impact_frf(
         resolution_hz=spectra.resolution_hz,
         added_decay=decay,
     )
+
+
+def _cut(force: Array, motion: Array, blows: Sequence[Blow], lead: int, length: int) -> tuple[Array, Array]:
+    """Return the pulses (n_blows, length, 1) and responses (n_blows, length, p)."""
+    X, Y = np.zeros((len(blows), length, 1)), np.empty((len(blows), length, motion.shape[1]))
+    for i, blow in enumerate(blows):
+        begin = blow.start - lead
+        X[i, lead : lead + blow.stop - blow.start, 0] = force[blow.start : blow.stop]
+        Y[i] = motion[begin : begin + length]
+    return X, Y
 
 
 def _block_length(blows: list[Blow], samples: int, dt: float, block_s: float | None) -> int:

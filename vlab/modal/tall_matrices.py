@@ -37,7 +37,7 @@ def stacked(a: NDArray[Any]) -> Array:
 
 
 def orthonormal(A: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return Q and R^-1 of A = Q R in blocks of rows.
+    """Return Q and R^-1 of A, in blocks of rows.
 
     Shifted Cholesky QR, applied twice [1]_. For columns that are not nearly dependent the accuracy is Householder's, at
     a fraction of the time for tall matrices. The shift handles coincident poles.

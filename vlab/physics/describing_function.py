@@ -61,7 +61,7 @@ def describing_function(effect: PortEffect, values: Values, amplitude: Any, omeg
 
 
 def _harmonics(effect: PortEffect, values: Values, amplitude: Any, omega: Any) -> tuple[ComplexArray, Array]:
-    """Return the first harmonic of the force and its mean over a cycle."""
+    """Return first harmonic and mean of the force over a cycle."""
     a, w = np.broadcast_arrays(np.asarray(amplitude, dtype=float), np.asarray(omega, dtype=float))
     p = {name: float(value) for name, value in values.items()}
     theta = 2 * np.pi * (np.arange(PER_CYCLE) + 0.5) / PER_CYCLE
@@ -189,7 +189,7 @@ def _tried(effect: Effect, values: Values, amplitude: Array, omega: float) -> Co
 
 
 def has_describing_function(effect: Effect) -> bool:
-    """Return whether a law acts on first harmonics, and differently at different amplitudes.
+    """Return whether the first harmonic of a law depends on amplitude.
 
     Such a law is nonlinear, vanishes at rest, exerts no mean force, and shows all its parameters in the first harmonic.
     Laws of time, commands or offsets, and laws of one side fail the test. Laws within a servo act on its error, not on the

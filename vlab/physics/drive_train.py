@@ -1,4 +1,4 @@
-"""Drive train between a position servo's motor and its joint: play and elasticity, two inertias.
+"""Drive train between a position servo's motor and its joint.
 
 The model lumps the motor's inertia J (the armature) with the joint's inertia I at the joint's angle q. With a train in
 between, the motor has an angle m of its own, in units of the servo's length. The servo's force tau acts on the motor, with
@@ -34,7 +34,7 @@ def chosen(flag: Any, x: Any, y: Any) -> Any:
 
 
 class DriveTrain(ServoEffect):
-    """Train between motor and joint: a spring and a damper beyond the play.
+    """Train of motor and joint: spring and damper beyond the play.
 
     A model lumps the damping of motor and gear with that of the joint's bearing. The share on the motor's side is a
     parameter.
@@ -45,7 +45,7 @@ class DriveTrain(ServoEffect):
     is_fast = True
 
     def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
-        """See `PortEffect`: angle and velocity of the motor minus those of the joint."""
+        """See `PortEffect`: angle and velocity of the motor from the joint."""
         return [np.zeros(shape) if shape else 0.0 for _ in range(2)]
 
     def play(self, p: Values) -> Any:
@@ -59,7 +59,7 @@ class DriveTrain(ServoEffect):
         raise NotImplementedError
 
     def own(self, p: Values, at: str) -> tuple[Any, Any, Any, Any]:
-        """Return the servo's gain and damping, the motor's inertia and the joint's damping.
+        """Return the servo's gain and damping, motor inertia, joint damping.
 
         Parameters
         ----------
@@ -82,7 +82,7 @@ class DriveTrain(ServoEffect):
         )
 
     def joint(self, z: Any, v: Any, p: Values, step: Step) -> tuple[Any, Any, Any, Any, Any]:
-        """Return the joint's motion in a step as a function of the train's moment T.
+        """Return the joint's motion as a function of the train's moment.
 
         The force F holds over the step and moves the joint, which the servo's modelled force feels. F cancels that force,
         so that F solves a linear equation.

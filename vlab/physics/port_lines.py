@@ -1,4 +1,4 @@
-"""Port forces of a plant: the lines, and their constants in a run."""
+"""Port forces of a plant: lines, and constants of a run."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

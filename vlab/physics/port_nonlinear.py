@@ -207,7 +207,7 @@ class SmoothFriction(PortEffect):
     )
 
     def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
-        """See `PortEffect`: a steep law does not reverse the port in a step."""
+        """See `PortEffect`: a steep law reverses no port in a step."""
         return dry_friction(p["force"] * np.tanh(abs(v) / p["rise"]), v, step), memory
 
 

@@ -1,4 +1,4 @@
-"""Laws that act about a position of rest, such as springs and stops."""
+"""Laws about a position of rest, such as springs and stops."""
 
 from functools import cache
 

@@ -37,7 +37,7 @@ def effort_rows(model: Any) -> Array:
 
 
 def _moments(model: Any) -> Array:
-    """Return the moment arms (nu, nv) of the actuators at the reference configuration."""
+    """Return moment arms (nu, nv) of the actuators at the reference configuration."""
     data, out = mujoco.MjData(model), np.zeros((int(model.nu), int(model.nv)))
     mujoco.mj_fwdPosition(model, data)
     mujoco.mju_sparse2dense(out, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)

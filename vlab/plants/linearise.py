@@ -42,7 +42,7 @@ def linearise(model: Any, qpos: Array | None = None) -> SecondOrderModel:
     rest = model.qpos0.copy() if qpos is None else np.array(qpos, dtype=float)
     data.qpos[:] = rest
     mujoco.mj_forward(model, data)
-    left = _force(model, data)
+    left = _force(data)
     scale = np.abs(data.qfrc_bias).max() + np.abs(data.qfrc_passive).max()
     if np.abs(left).max() > 1e-6 * scale + 1e-9:
         worst = int(np.abs(left).argmax())
@@ -62,14 +62,14 @@ def linearise(model: Any, qpos: Array | None = None) -> SecondOrderModel:
             data.qpos[:] = rest
             mujoco.mj_integratePos(model, data.qpos, unit, sign * POSITION_STEP)
             mujoco.mj_forward(model, data)
-            forces.append(_force(model, data))
+            forces.append(_force(data))
         K[:, i] = (forces[1] - forces[0]) / (2 * POSITION_STEP)
         data.qpos[:] = rest
         forces = []
         for sign in (1.0, -1.0):
             data.qvel[:] = sign * POSITION_STEP * unit
             mujoco.mj_forward(model, data)
-            forces.append(_force(model, data))
+            forces.append(_force(data))
         data.qvel[:] = 0
         C[:, i] = (forces[1] - forces[0]) / (2 * POSITION_STEP)
     names = tuple(_dof_name(model, i) for i in range(model.nv))
@@ -100,7 +100,7 @@ def check_free(model: Any) -> None:
         )
 
 
-def _force(model: Any, data: Any) -> Array:
+def _force(data: Any) -> Array:
     return np.array(data.qfrc_smooth)  # passive, bias and actuator forces with zero controls
 
 

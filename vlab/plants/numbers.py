@@ -32,7 +32,7 @@ def numbers_into_spec(spec: Any, model: Any) -> None:
 
 
 def _keep_spring(tendon: Any, model: Any) -> None:
-    """State the length of a spatial tendon's spring, which MuJoCo took from positions."""
+    """State the length of a spatial tendon's spring."""
     first = int(model.tendon_adr[tendon.id])
     if model.wrap_type[first] != mujoco.mjtWrap.mjWRAP_JOINT:
         tendon.springlength = model.tendon_lengthspring[tendon.id]

@@ -182,19 +182,8 @@ def to_recording(
     """
     if not columns:
         raise refuse(table.path, "no column was chosen", fix="describe at least one channel")
-    data: list[Array] = []
-    channels: list[Channel] = []
-    for spec in columns:
-        values = table.real(spec.column)
-        try:
-            channel, factor = spec.channel_and_factor()
-            if spec.scale is None:
-                table.check_unit(spec.column, spec.unit, channel.unit)
-        except BadUnit as error:
-            raise BadUnit(f"{one_line(table.path)}: column {one_line(spec.column)!r} ({spec.kind}): {error}") from error
-        with np.errstate(over="ignore"):  # a later check for finite samples finds an overflow
-            data.append((values - spec.offset) * factor)
-        channels.append(channel)
+    labelled = [_labelled(table, spec) for spec in columns]
+    channels, data = tuple(channel for channel, _ in labelled), [values for _, values in labelled]
     notes: list[str] = []
     if time is None and rate_hz is None and all(spec.time for spec in columns):
         time, time_unit = _own_clock(table, columns)
@@ -209,24 +198,38 @@ def to_recording(
         notes.append(
             f"{int((~known).sum())} samples without a known input left out ({stamps[first]:g} to {stamps[last]:g} s kept)"
         )
-    missing = ~np.column_stack([p.is_read for p in placed])
-    keep = (
-        known
-        & (stamps >= (-np.inf if start_s is None else start_s))
-        & (stamps < (np.inf if stop_s is None else stop_s))
-    )
+    keep = known & _within(stamps, start_s, stop_s)
     if keep.sum() < 2:
         span = f"{stamps[0]:g} to {stamps[-1]:g} s"
         raise refuse(
             table.path, f"{keep.sum()} samples from start {start_s} to stop {stop_s} s; the recording runs from {span}"
         )
+    missing = ~np.column_stack([p.is_read for p in placed])
     try:
         matrix = np.column_stack([p.values for p in placed])[keep]
         meta = {"file": str(table.path), **({"reading": tuple(notes)} if notes else {})}
         mask = missing[keep] if missing.any() else None
-        return Recording(time=stamps[keep], data=matrix, channels=tuple(channels), meta=meta, missing=mask)
+        return Recording(time=stamps[keep], data=matrix, channels=channels, meta=meta, missing=mask)
     except BadRecording as error:
         raise refuse(table.path, str(error)) from error
+
+
+def _labelled(table: Table, spec: ColumnSpec) -> tuple[Channel, Array]:
+    """Return the label of a column and its values in SI."""
+    values = table.real(spec.column)
+    try:
+        channel, factor = spec.channel_and_factor()
+        if spec.scale is None:
+            table.check_unit(spec.column, spec.unit, channel.unit)
+    except BadUnit as error:
+        raise BadUnit(f"{one_line(table.path)}: column {one_line(spec.column)!r} ({spec.kind}): {error}") from error
+    with np.errstate(over="ignore"):  # a later check for finite samples finds an overflow
+        return channel, (values - spec.offset) * factor
+
+
+def _within(stamps: Array, start_s: float | None, stop_s: float | None) -> Array:
+    start, stop = -np.inf if start_s is None else start_s, np.inf if stop_s is None else stop_s
+    return np.asarray((stamps >= start) & (stamps < stop))
 
 
 def on_even_stamps(recording: Recording) -> Recording:

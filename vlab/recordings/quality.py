@@ -215,7 +215,7 @@ def _flats(values: Array, first: NDArray[Any], last: NDArray[Any]) -> tuple[Arra
 
 
 def _tops(values: Array, at_extreme: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Return the lengths of flat tops and the smaller speed of their two ends."""
+    """Return lengths of flat tops, and the smaller speed of their ends."""
     lengths, before, after, _ = _flats(values, *runs(at_extreme))
     return lengths, np.minimum(np.abs(before), np.abs(after))
 

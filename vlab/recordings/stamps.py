@@ -40,13 +40,13 @@ class Stamp(NamedTuple):
 
     @property
     def form(self) -> str:
-        """Form of the stamp in words; stamps of one column have one form."""
+        """Form of the stamp in words, common to a column."""
         kind = "a date with time" if self.has_date else "a clock time"
         return f"{kind} with an offset to UTC" if self.has_offset else kind
 
 
 class BadStamp(ValueError):
-    """A text in a column of stamps that is no stamp of the same form.
+    """Text that is no stamp of the form of its column.
 
     Parameters
     ----------

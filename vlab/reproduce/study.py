@@ -95,7 +95,7 @@ class Study:
         )
 
     def printed_gains(self, table: str, law: str) -> Array:
-        """Return a printed gain matrix [N s/m], in the order of the coils."""
+        """Return a printed gain matrix [N s/m] in order of the coils."""
         printed = published_table(self.name, table, law)
         channels = self.state().channels
         order = [printed.rows.index(name) for name in channels]

@@ -137,26 +137,33 @@ def law_module(
         "READINGS": readings,
     }
     imports = sorted({"import mujoco", "import numpy as np", *code.imports} - {"from typing import Any, NamedTuple"})
-    scipy = any("scipy" in line for line in imports)
-    head = HEAD.format(
+    values = (f"{k} = {pprint.pformat(v, width=116, sort_dicts=False)}{_WORDS[k]}" for k, v in tables.items())
+    has_scipy = any("scipy" in line for line in imports)
+    parts = [_head(title, model, shown, uses, has_scipy=has_scipy) + _imports(imports), code.text, "\n".join(values)]
+    text = "\n\n\n".join(part for part in parts if part) + "\n" + _running()
+    return LawModule(text=text, refused=refused, uses=uses, lines=lines)
+
+
+def _head(title: str, model: str, shown: Sequence[Attached], uses: Sequence[str], *, has_scipy: bool) -> str:
+    """Return the docstring of the module."""
+    return HEAD.format(
         title=_quoted(title),
-        needs="mujoco, numpy and scipy" if scipy else "mujoco and numpy",
+        needs="mujoco, numpy and scipy" if has_scipy else "mujoco and numpy",
         model=_quoted(model),
         found="\n".join(_quoted(f"{e.label}: {e.effect.law}") for e in shown) or "The model needs no law.",
         command="data.ctrl[:] = law.command(model, data, u)  # u: your commands"
-        if commands
+        if "command" in uses
         else "...  # your controls",
-        read="\n        y = law.read(model, data)  # once a sample" if readings else "",
+        read="\n        y = law.read(model, data)  # once a sample" if "read" in uses else "",
     )
+
+
+def _imports(lines: Sequence[str]) -> str:
+    """Return imports in their order: standard library, then installed packages."""
     standard = ["from typing import Any, NamedTuple", "from weakref import WeakKeyDictionary"]
-    first = [line for line in imports if line.split()[1].split(".")[0] not in ("mujoco", "numpy", "scipy")]
-    other = [line for line in imports if line not in first]
-    parts = [head + "\n" + "\n".join(sorted([*standard, *first])) + "\n\n" + "\n".join(other), code.text]
-    parts.append(
-        "\n".join(f"{k} = {pprint.pformat(v, width=116, sort_dicts=False)}{_WORDS[k]}" for k, v in tables.items())
-    )
-    text = "\n\n\n".join(part for part in parts if part) + "\n" + _running()
-    return LawModule(text=text, refused=refused, uses=uses, lines=lines)
+    first = [line for line in lines if line.split()[1].split(".")[0] not in ("mujoco", "numpy", "scipy")]
+    other = [line for line in lines if line not in first]
+    return "\n" + "\n".join(sorted([*standard, *first])) + "\n\n" + "\n".join(other)
 
 
 _WORDS = {

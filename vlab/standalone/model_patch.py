@@ -246,7 +246,7 @@ def _set_numbers(
 
 
 def _set_positions(out: ModelPatch, found: _Elements, nominal: Any, wanted: Any) -> set[int]:
-    """Move bodies, joints, sites and geoms, and return the bodies of moved geoms.
+    """Move parts of the model, and return the bodies of moved geoms.
 
     A spatial tendon without a stated spring length would take its length in the moved model, so the length is stated.
     """

@@ -86,7 +86,7 @@ class Correction:
         return replace(run, **out)
 
     def edits(self, case: Case) -> str:
-        """Return the edits of the case file, or the argument of a case in memory.
+        """Return edits of a case file, or arguments in memory.
 
         Parameters
         ----------
@@ -101,7 +101,7 @@ class Correction:
         tables = columns_of(case)
         if case.in_memory:
             return f"channels={{{', '.join(_edit_of_arrays(taken, tables) for taken in self.taken)}}}"
-        parts = [_edit(case, taken, tables) for taken in self.taken]
+        parts = [_edit(taken, tables) for taken in self.taken]
         return "; ".join(dict.fromkeys(part for part in parts if part))
 
 
@@ -251,7 +251,7 @@ def slips_of(column: Column) -> dict[str, float]:
     return {unit: 1.0 / ratio for unit, ratio in units.mistaken(column.unit, column.si).items()}
 
 
-def _edit(case: Case, taken: Taken, tables: dict[str, Column]) -> str:
+def _edit(taken: Taken, tables: dict[str, Column]) -> str:
     column = tables[taken.channel]
     if taken.source != taken.channel:
         other = tables[taken.source]

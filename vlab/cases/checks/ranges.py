@@ -53,7 +53,7 @@ def check_ranges(case: Case, runs: Sequence[Run]) -> list[Found]:
 
 
 def _in_other_unit(case: Case, name: str, column: Column, values: Array) -> Found | None:
-    """Return a channel that keeps to its range in the other unit of angle."""
+    """Return a channel within its range in the other unit."""
     table = column.table
     is_bare = table.input and table.scale == 1.0  # the numbers are the command, and a servo of a hinge takes radians
     unit = "rad" if is_bare else table.unit
@@ -80,7 +80,7 @@ def _in_other_unit(case: Case, name: str, column: Column, values: Array) -> Foun
 
 
 def _far_outside(case: Case, name: str, column: Column, values: Array) -> Found | None:
-    """Return a servo's command that leaves the range of its joint by far."""
+    """Return a servo's command far outside the range of its joint."""
     table = column.table
     limits = _servo_range(case.plant, table.at) if table.input else None
     if limits is None or KIND_UNITS[table.kind] not in (None, "rad", "m"):

@@ -287,7 +287,7 @@ class _Look:
 
     def shifts(self, aside: set[str]) -> list[Found]:
         """Return outputs with a time shift."""
-        return [found for found in shifts(self.now, self.columns) if not aside & set(found.channels)]
+        return [found for found in shifts(self.now) if not aside & set(found.channels)]
 
     # ---- whether a correction holds -------------------------------------------------------------------------------
 

@@ -1,13 +1,12 @@
 """Time shifts of outputs, common to all frequency bands."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from vlab.cases.checks.bands import LINES, bands_of_spectra, spectra
 from vlab.cases.checks.beside import FEWEST, Beside
-from vlab.cases.checks.correction import Column, Found
+from vlab.cases.checks.correction import Found
 from vlab.signals import Array
 
 LONGEST = 0.1
@@ -71,7 +70,7 @@ def shift(time: Array, recorded: Array, simulated: Array) -> Shift | None:
     return Shift(seconds=seconds, before=float(found.remains().mean()), after=float(moved.remains().mean()))
 
 
-def shifts(now: Beside, columns: Mapping[str, Column]) -> list[Found]:
+def shifts(now: Beside) -> list[Found]:
     """Return outputs with one shift in all recordings.
 
     A late output may be due to an effect of the catalogue. An output early by more than the model's own delay cannot be
@@ -81,8 +80,6 @@ def shifts(now: Beside, columns: Mapping[str, Column]) -> list[Found]:
     ----------
     now : Beside
         Recordings and their simulation.
-    columns : mapping of str to Column
-        Description by channel.
 
     Returns
     -------
@@ -94,7 +91,7 @@ def shifts(now: Beside, columns: Mapping[str, Column]) -> list[Found]:
         middle = float(np.median(list(late.values())))
         if all(abs(seconds - middle) <= SAME * abs(middle) for seconds in late.values()):
             return [_of_all(now, tuple(late), middle)]
-    return [_of_one(name, seconds, columns[name]) for name, seconds in late.items()]
+    return [_of_one(name, seconds) for name, seconds in late.items()]
 
 
 def _same_shift(now: Beside, name: str) -> float | None:
@@ -122,7 +119,7 @@ def _same_shift(now: Beside, name: str) -> float | None:
     return middle
 
 
-def _of_one(name: str, seconds: float, column: Column) -> Found:
+def _of_one(name: str, seconds: float) -> Found:
     size = f"{1e3 * abs(seconds):.3g} ms"
     if seconds > 0.0:
         text = (

@@ -11,7 +11,7 @@ from vlab.files.text import one_line
 
 
 def undriven(case: Case, runs: Sequence[Run]) -> tuple[str, ...]:
-    """Return the actuators of an MJCF model that no column of any recording drives.
+    """Return the actuators of a model that no recording drives.
 
     A coil of a structure may be without power, and a motor at a joint whose force is recorded does nothing at zero
     command. Neither counts.
@@ -63,7 +63,7 @@ def words_on(names: Sequence[str]) -> str:
 
 
 def _is_idle(model: Any, controls: Sequence[int], ports: set[str]) -> bool:
-    """Return whether zero command is no force, and the force of the joint is recorded."""
+    """Return whether an actuator is idle beside a recorded force."""
     for i in controls:
         kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
         if int(model.actuator_trntype[i]) not in kinds or model.actuator_biasprm[i].any():

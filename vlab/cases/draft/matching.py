@@ -94,7 +94,7 @@ class LeftOut:
 
 @dataclass(frozen=True, kw_only=True)
 class Matched:
-    """Columns of a log, used and left out, and remarks on unreadable ones."""
+    """Columns of a log, used and left out, with remarks."""
 
     used: tuple[Match, ...]
     left_out: tuple[LeftOut, ...]
@@ -228,7 +228,7 @@ class _Matcher:
             self._take(column, found, "its name" if is_named else "its number", is_sure=is_named)
 
     def add_unread(self, name: str, why: str) -> None:
-        """Leave out a column without numbers, with a remark where its name says a place."""
+        """Leave out a column without numbers, perhaps with a remark."""
         label = in_line(self.log.label(name))
         self._leave(label, f"it cannot be read: {in_line(why)}")
         place = suggest(label, self.plant, first=self.first, kind=kind_of(name))

@@ -28,9 +28,11 @@ def fastest(y: Array, h: float, orders: Sequence[int]) -> float:
     """
     out = 0.0
     for column, order in zip(y.T, orders, strict=True):
-        freq, power = signal.welch(column - column.mean(), 1 / h, nperseg=min(len(column), 4096))
+        freq, power = signal.welch(column - column.mean(), 1 / h, nperseg=min(len(column), RUNS.band_segment))
         floor = np.median(power[freq > NOISE.noise_band / (2 * h)]) if freq.size > 8 else 0.0
-        power = np.where(power > 6 * floor, power - floor, 0.0) * np.maximum(freq, freq[1]) ** (2.0 * (1 - order))
+        power = np.where(power > RUNS.over_floor * floor, power - floor, 0.0) * np.maximum(freq, freq[1]) ** (
+            2.0 * (1 - order)
+        )
         total = np.cumsum(power)
         if total[-1] > 0:
             out = max(out, float(freq[np.searchsorted(total, RUNS.power_share * total[-1])]))

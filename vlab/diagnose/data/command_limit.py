@@ -134,18 +134,20 @@ def find_limit(plant: Plant, runs: Sequence[Run]) -> CommandLimit | None:
         return float(np.sqrt(np.mean(np.concatenate([p.ravel() for p in parts]) ** 2))) / size
 
     before = error(None, False)
-    options = np.geomspace(0.5, 1.3, COMMAND_LIMIT.grid) * largest
+    options = np.geomspace(*COMMAND_LIMIT.span, COMMAND_LIMIT.grid) * largest
     tried = [(error(float(x), known), float(x), known) for known in (True, False) for x in options]
     after, limit, known = min(tried, key=lambda t: t[0])
-    if not after**2 <= (1 - COMMAND_LIMIT.explained) * before**2 or limit > 1.02 * largest:
+    if not after**2 <= (1 - COMMAND_LIMIT.explained) * before**2 or limit > COMMAND_LIMIT.most * largest:
         return None
-    fine = limit * np.linspace(0.96, 1.04, 17)
+    fine = limit * np.linspace(1.0 - COMMAND_LIMIT.near, 1.0 + COMMAND_LIMIT.near, COMMAND_LIMIT.fine)
     after, limit = min((error(float(x), known), float(x)) for x in fine)
     there = np.zeros(len(law.actuators))
     for run, r in zip(loops, own, strict=True):
         there[_columns(run)] += np.sum(r >= COMMAND_LIMIT.at_limit * limit, axis=0)
     actuator = plant.actuators[law.actuators[int(np.argmax(there))]].name
-    return CommandLimit(actuator=actuator, limit=limit, sd=0.0025 * limit, is_known=known, before=before, after=after)
+    return CommandLimit(
+        actuator=actuator, limit=limit, sd=COMMAND_LIMIT.sd * limit, is_known=known, before=before, after=after
+    )
 
 
 def _columns(run: Run) -> list[int]:

@@ -96,7 +96,8 @@ def _orthonormal(columns: Array, beside: Array | None = None) -> Array:
 def _left_out(R: Array, Q: Array, powers: Array) -> Array:
     """Return the squared leave-one-out residuals of a band.
 
-    The residuals are (R - fit) / (1 - leverage) over D. They are unbounded near a zero of D, so R is the upper bound.
+    The residuals are (R - fit) / (1 - leverage) over D. Residuals are unbounded near a zero of D, so R is the upper
+    bound.
 
     Parameters
     ----------
@@ -159,5 +160,5 @@ def nonlinear_spectra(values: Array, order: int, h: float) -> list[Array]:
 
 
 def spectrum(x: Array) -> Array:
-    """Return the spectra (n // 2 + 1, ...) of signals (n, ...), without means."""
+    """Return the spectra (n_freq, ...) of signals (n, ...) without means."""
     return np.asarray(np.fft.rfft(x - x.mean(axis=0), axis=0))

@@ -96,11 +96,6 @@ def noise_levels(run: Run, names: Sequence[str]) -> Array:
     return np.array([estimate_noise(run, name).sigma for name in names])
 
 
-def noise_rms(run: Run, names: Sequence[str]) -> Array:
-    """Return the noise rms (n_names,) of a run's channels, after any low-pass."""
-    return np.array([estimate_noise(run, name).rms for name in names])
-
-
 def known_noise(run: Run, channel: str, column: Array, thin: int = 1) -> NoiseEstimate | None:
     """Return stated noise, or noise between repeats.
 

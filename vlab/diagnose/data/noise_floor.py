@@ -67,7 +67,7 @@ def even_floor(column: Array, inputs: Array | None) -> Floor:
         Noise, at least `NOISE.least_noise` of the channel's rms.
     """
     least = NOISE.least_noise * (float(np.std(column)) or 1.0)
-    if len(column) < 64 or np.ptp(column) == 0.0:
+    if len(column) < NOISE.fewest or np.ptp(column) == 0.0:
         return Floor(sigma=least, rms=least, source="least")
     freq, power = _spectrum(column, "mean")
     high = freq > NOISE.noise_band / 2
@@ -225,7 +225,7 @@ def uneven_floor(time: Array, column: Array) -> Floor:
         Noise, at least `NOISE.least_noise` of the channel's rms.
     """
     least = NOISE.least_noise * float(np.std(column) or 1.0)
-    if len(column) < 16:
+    if len(column) < NOISE.fewest_uneven:
         return Floor(sigma=least, rms=least, source="least")
     index = np.arange(2, len(column) - 2)
     near = index[:, None] + np.array([-2, -1, 1, 2])

@@ -138,10 +138,10 @@ def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
         sizes = np.array([abs(float(run.measured[channel][at][0])) for run, at in tops])
         counts = np.array([np.count_nonzero(at) for _, at in tops])
         limit = float(sizes.max())
-        at_limit = counts[sizes >= 0.99 * limit].sum()
+        at_limit = counts[sizes >= QUALITY.same_limit * limit].sum()
         largest = max(float(np.abs(run.measured[channel]).max()) for run in runs)
         # no sample exceeds a range limit; coarse quantisation is flat at the top of a small motion as well
-        if at_limit >= QUALITY.most_at_limit * counts.sum() and largest <= 1.01 * limit:
+        if at_limit >= QUALITY.most_at_limit * counts.sum() and largest <= QUALITY.over_limit * limit:
             reached = [np.abs(run.measured[channel]) >= limit * (1 - 1e-9) for run in runs]
             share, same = float(np.mean(np.concatenate(reached))), int(np.count_nonzero(sizes >= limit * (1 - 1e-9)))
             beyond = max(cut_off(run.measured[channel], at) for run, at in tops)
@@ -205,8 +205,8 @@ def on_clock(run: Run, valid: NDArray[np.bool_], grid: Array) -> NDArray[np.bool
     h, step = sample_period(time), sample_period(grid)
     reach = max(h, step)
     count = np.vstack([np.zeros((1, valid.shape[1])), np.cumsum(~valid, axis=0)])
-    first = np.searchsorted(time, grid - 1.01 * reach)
-    last = np.searchsorted(time, grid + 1.01 * reach, side="right")
+    first = np.searchsorted(time, grid - QUALITY.reach * reach)
+    last = np.searchsorted(time, grid + QUALITY.reach * reach, side="right")
     whole = count[last] - count[first] == 0
     after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
     bridged = time[after] - time[after - 1] > long_step(time)

@@ -83,7 +83,7 @@ def _step(values: Array, least: float) -> tuple[float, float] | None:
         return None
     width = least / QUANTISATION.fine
     count, _ = np.histogram(values, np.arange(low, high + 2 * width, width))
-    size = 1 << int(np.ceil(np.log2(8 * len(count))))
+    size = 1 << int(np.ceil(np.log2(QUANTISATION.padded * len(count))))
     seen = np.abs(np.fft.rfft(count, size)) / len(values)
     cycles = np.fft.rfftfreq(size, width)
     inside = np.flatnonzero((cycles >= QUANTISATION.fewest / (high - low)) & (cycles <= 1.0 / least))
@@ -91,6 +91,7 @@ def _step(values: Array, least: float) -> tuple[float, float] | None:
         return None
     still = float(np.median(seen[inside]))  # a constant value has no step
     wanted = np.where(cycles * np.std(values) >= 1.0, QUANTISATION.sharp, QUANTISATION.exact)
+    first, last = QUANTISATION.before_peak
     peaks = [
         i
         for i in inside
@@ -100,7 +101,7 @@ def _step(values: Array, least: float) -> tuple[float, float] | None:
         # values concentrate at rest after a decay, and the function is large everywhere
         and (
             seen[i] - still > QUANTISATION.all * (1.0 - still)
-            or seen[i] > QUANTISATION.clear * np.min(seen[int(0.3 * i) : max(int(0.8 * i), int(0.3 * i) + 1)])
+            or seen[i] > QUANTISATION.clear * np.min(seen[int(first * i) : max(int(last * i), int(first * i) + 1)])
         )
     ]
     steps = (_refined(values, cycles[i], cycles[1]) for i in peaks[: QUANTISATION.most_peaks])
@@ -131,7 +132,7 @@ def _passes_between(values: Array, step: float) -> bool:
 
 def _refined(values: Array, cycle: float, width: float) -> tuple[float, float]:
     """Return the step at a characteristic function's peak, with standard deviation."""
-    fine = np.linspace(cycle - width, cycle + width, 81)
+    fine = np.linspace(cycle - width, cycle + width, QUANTISATION.refined)
     sharp = np.abs(np.exp(2j * np.pi * np.outer(fine, values)).mean(axis=1))
     k = int(np.argmax(sharp))
     step = float(1.0 / fine[k])

@@ -70,7 +70,8 @@ def _without_bias(run: Run, channel: str, squares: float, residual: Array, noise
 def _unexplained(run: Run, signals: Array) -> Array:
     """Return the unexplained power (n_lines, n_signals).
 
-    Neither inputs nor motion explain it. Of several motions, the one that explains a signal best counts. The result has no lines where there are too few.
+    Neither inputs nor motion explain the part. Of several motions, the one that explains a signal best counts. The
+    result has no lines where there are too few.
     """
     inputs = [spectrum(run.measured[drive.channel]) for drive in run.drives]
     inputs = [x for x in inputs if np.any(x)]
@@ -137,7 +138,7 @@ def is_gaussian(residuals: Array, false_alarm_rate: float) -> bool:
 
 
 def _kurtosis(x: Array) -> float:
-    """Return the mean square of the power of all channels over its squared mean."""
+    """Return the mean square of the channels' power over its squared mean."""
     power = np.sum(x**2, axis=1)
     return float(np.mean(power**2) / np.mean(power) ** 2)
 

@@ -257,8 +257,11 @@ def _response(case: Case, table: FrfTable, name: str) -> Response:
     freq, H = read.freq[used], read.H[used, :, 0] * scales
     turned = np.array([table.conjugate != own for own in _conjugated(table)])
     H = np.where(turned, np.conj(H), H)
-    if len(freq) < 8:
-        raise BadCase(f"{case.path}: {table.file} has {len(freq)} lines above 0 Hz in its band; at least 8 are needed")
+    if len(freq) < RESPONSES.fewest_lines:
+        raise BadCase(
+            f"{case.path}: {table.file} has {len(freq)} lines above 0 Hz in its band; "
+            f"at least {RESPONSES.fewest_lines} are needed"
+        )
     if not np.all(np.any(H != 0, axis=0)):
         raise BadCase(f"{case.path}: {table.file}: an output is zero on all lines; leave it out")
     guessed = np.sqrt(_roughness(freq, H))

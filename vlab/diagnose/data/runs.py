@@ -16,8 +16,8 @@ from vlab.cases.replay_inputs import at_samples
 from vlab.diagnose.data.band import fastest
 from vlab.diagnose.data.noise import known_noise, noise_level
 from vlab.diagnose.data.quality import is_informative, on_clock
+from vlab.diagnose.data.recorded_inputs import interval_means, recorded_inputs
 from vlab.diagnose.settings import RUNS
-from vlab.hardware.output_chain import OutputChain
 from vlab.plants.base import Plant
 from vlab.signals import Array, sample_period
 
@@ -226,67 +226,6 @@ def thinning(count: int, h: float, highest_hz: float, enough: int = RUNS.enough_
     return max(1, min(by_band, count // enough))
 
 
-def through_chain(run: Run, commands: Array, rate_hz: float) -> Array:
-    """Return the mean force of every sample behind the run's output hardware.
-
-    Delay, hold and filter act where the run is sampled at the converter's rate. Otherwise the commands are the forces.
-
-    Parameters
-    ----------
-    run : Run
-        Recording with its hardware.
-    commands : (n,) array
-        Commands.
-    rate_hz : float
-        Rate of the commands [Hz].
-
-    Returns
-    -------
-    (n,) array
-        Mean forces.
-    """
-    if run.hardware is None or abs(run.measured.rate / rate_hz - 1) > 1e-6 or not run.measured.is_uniform:
-        return commands
-    converter = run.hardware.at_rate(rate_hz).converter
-    return OutputChain(converter, channels=1).response(commands[:, None])[:, 0]
-
-
-def interval_means(time: Array, values: Array, is_held: bool, grid: Array) -> Array:
-    """Return the mean of an input over every interval of a grid.
-
-    The last interval continues the input: held, or along its last slope.
-
-    Parameters
-    ----------
-    time : (n,) array
-        Times of the input [s].
-    values : (n,) array
-        Input.
-    is_held : bool
-        Whether the input is held between its times (zero-order hold); linear otherwise.
-    grid : (m,) array
-        Uniform times [s].
-
-    Returns
-    -------
-    (m,) array
-        Means from every time of the grid to the next.
-    """
-    h = grid[1] - grid[0]
-    edges = np.append(grid, grid[-1] + h)
-    if is_held:
-        end = max(edges[-1], time[-1]) + h
-        integral = np.concatenate([[0.0], np.cumsum(values * np.diff(np.append(time, end)))])
-        at = np.interp(edges, np.append(time, end), integral)
-    else:
-        integral = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
-        fine = np.searchsorted(time, edges, side="right").clip(1, len(time) - 1) - 1
-        part = np.clip(edges - time[fine], 0.0, None)
-        slope = (values[fine + 1] - values[fine]) / (time[fine + 1] - time[fine])
-        at = integral[fine] + values[fine] * part + 0.5 * slope * part**2
-    return np.asarray(np.diff(at) / h)
-
-
 def on_grid(time: Array, values: Array, grid: Array, thin: int) -> Array:
     """Resample a channel to a grid of every `thin`-th sample.
 
@@ -371,57 +310,50 @@ def signals_of(
     top = fastest(columns, h, orders) if highest_hz is None else highest_hz
     thin = thinning(len(time), h, top)
     grid = h * thin * np.arange(round(time[-1] / h) // thin + 1)
-    y = np.column_stack([on_grid(time, column, grid, thin) for column in columns.T])
-    recorded = y.copy()
-    inputs = np.zeros((len(grid), n_actuators + len(port_names)))
+    recorded = np.column_stack([on_grid(time, column, grid, thin) for column in columns.T])
+    y, inputs = recorded.copy(), np.zeros((len(grid), n_actuators + len(port_names)))
 
     slow = np.array([order < 2 for order in orders])
     is_driven = bool(run.drives) or commands is not None
     stood = feedthrough is not None and run.initial != "rest" and not (is_driven and begins_at_rest(y, slow, plant))
+    for i in recorded_inputs(run, n_actuators, port_names, commands, through_hardware=True):
+        mean = interval_means(time, i.values, i.is_held, grid)
+        inputs[:, i.column] += mean
+        if feedthrough is not None and feedthrough.shows(i.column):
+            now = at_samples(i.values, is_held=i.is_held, is_first=i.is_first, stood=stood)
+            y -= feedthrough.ahead(i.column, mean, on_grid(time, now, grid, thin), h * thin)
 
-    def add(column: int, values: Array, is_held: bool, is_first: bool = False) -> None:
-        mean = interval_means(time, values, is_held, grid)
-        inputs[:, column] += mean
-        if feedthrough is not None and feedthrough.shows(column):
-            now = at_samples(values, is_held=is_held, is_first=is_first, stood=stood)
-            y[:] -= feedthrough.ahead(column, mean, on_grid(time, now, grid, thin), h * thin)
-
-    for drive in run.drives:
-        values, is_held = run.measured[drive.channel], drive.is_held
-        if drive.through_chain and run.hardware is not None:
-            values, is_held = through_chain(run, values, run.hardware.converter.rate), True
-        at = n_actuators + list(port_names).index(drive.port) if drive.actuator is None else drive.actuator
-        add(at, values, is_held, drive.is_first)
-    if commands is not None:
-        for j in range(n_actuators):
-            add(j, commands[:, j] if run.law is None else through_chain(run, commands[:, j], run.law.rate_hz), True)
-    u, load = inputs[:, :n_actuators], inputs[:, n_actuators:]
     usable = on_clock(run, is_informative(run, compared), grid)
     part = liveliest(recorded, RUNS.most_samples)
-    recorded, y, u, load, usable = recorded[part], y[part], u[part], load[part], usable[part]
+    recorded, y, inputs, usable = recorded[part], y[part], inputs[part], usable[part]
     scale = np.std(recorded, axis=0)
-    scale = np.where(scale > 0, scale, np.abs(recorded).max(axis=0, initial=0.0) + 1e-12)
     starts = is_driven and begins_at_rest(y, slow, plant)
     return Signals(
         name=run.name,
         role=run.role,
         h=float(h * thin),
-        u=u,
-        load=load,
+        u=inputs[:, :n_actuators],
+        load=inputs[:, n_actuators:],
         y=y,
-        noise=np.array(  # the periods of a nonlinear motion differ by more than the sensor's noise while a transient lasts
-            [
-                known.sigma
-                if (known := known_noise(run, c.channel, column, thin)) and known.source != "periods"
-                else min(known.sigma if known else np.inf, noise_level(column, inputs[part]))
-                for c, column in zip(compared, recorded.T, strict=True)
-            ]
+        noise=np.array(
+            [_noise(run, c.channel, column, inputs, thin) for c, column in zip(compared, recorded.T, strict=True)]
         ),
-        scale=scale,
+        scale=np.where(scale > 0, scale, np.abs(recorded).max(axis=0, initial=0.0) + 1e-12),
         at_rest=part.start == 0 and (run.initial == "rest" or (run.initial == "auto" and starts)),
         t0=float(grid[part.start]),
         valid=None if usable.all() else usable,
     )
+
+
+def _noise(run: Run, channel: str, column: Array, inputs: Array, thin: int) -> float:
+    """Return the standard deviation of a channel's noise.
+
+    While a transient lasts, the periods of a nonlinear motion differ by more than the sensor's noise.
+    """
+    known = known_noise(run, channel, column, thin)
+    if known and known.source != "periods":
+        return known.sigma
+    return min(known.sigma if known else np.inf, noise_level(column, inputs))
 
 
 def liveliest(y: Array, most: int) -> slice:

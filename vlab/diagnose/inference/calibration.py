@@ -1,4 +1,6 @@
-"""Calibration of a model along its motion, by repeated linearisation about its own parameters."""
+"""Calibration of a model along its motion.
+
+Every pass linearises the model about its own parameters."""
 
 import numpy as np
 

@@ -95,7 +95,7 @@ def descend(of: Objective, vector: ParameterVector, x: Array, iterations: int, t
     Optimum
         End of the descent.
     """
-    damping, raw = 1e-3, of.residual(vector, x[None])[0]
+    damping, raw = FIT.damping, of.residual(vector, x[None])[0]
     if not x.size:  # without identifiable parameters there is nothing to fit
         return Optimum(vector=vector, x=x, residual=raw, normal=np.zeros((0, 0)), scores=np.zeros((0, 0)))
     slopes, age = np.zeros((raw.size, x.size)), FIT.reused
@@ -112,8 +112,8 @@ def descend(of: Objective, vector: ParameterVector, x: Array, iterations: int, t
             if age:  # an old Jacobian is renewed before smaller steps
                 age = FIT.reused
                 continue
-            damping *= 1e4
-            if damping > 1e6:
+            damping *= FIT.stiffened
+            if damping > FIT.damping_range[1]:
                 break
             continue
         small = small + 1 if step.cost > cost - tolerance else 0
@@ -153,7 +153,7 @@ def _best_step(
         still = vector.shapes
         normal[still], normal[:, still], gradient[still] = 0.0, 0.0, 0.0
     scale = np.diag(normal) + 1e-12 * max(float(np.diag(normal).max()), 1.0)
-    lams = damping * np.array([1.0, 1e2, 1e5])
+    lams = damping * np.array(FIT.damped)
     room = vector.room(x)
     steps = [-bounded_step(normal + np.diag(lam * scale), gradient, room) for lam in (FIT.undamped, *lams)]
     trials = x - np.array([*(part * steps[0] for part in FIT.parts), *steps[1:]])
@@ -170,7 +170,7 @@ def _best_step(
         residual=residuals[pick],
         cost=costs[pick],
         promised=-float(step @ (2.0 * gradient + normal @ step)),
-        damping=max(0.1 * (lams[pick - len(FIT.parts)] if is_damped else damping), 1e-8),
+        damping=max(FIT.relaxed * (lams[pick - len(FIT.parts)] if is_damped else damping), FIT.damping_range[0]),
     )
 
 
@@ -227,7 +227,10 @@ def _normal(vector: ParameterVector, slopes: Array, weight: Array) -> Array:
 
 
 def _scores(runs: Sequence[Signals], vector: ParameterVector, slopes: Array, weighted: Array) -> Array:
-    """Return the gradients (n_blocks, n) of blocks of the data, no block across two runs."""
+    """Return the gradients (n_blocks, n) of blocks of the data.
+
+    No block spans two runs.
+    """
     parts, at, out = int(np.ceil(TRAJECTORY_FIT.windows / len(runs))), vector.priors, []
     for size in (runs[i].y.size for i in by_period(runs)):
         for rows in np.array_split(np.arange(at, at + size), parts):

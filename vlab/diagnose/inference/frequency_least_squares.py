@@ -130,25 +130,26 @@ class Fitter:
         return self._result(self._descend(point, iterations, 0.0))
 
     def _descend(self, point: Point, iterations: int, bands: float) -> Point:
-        damping = 1e-3
+        damping = FREQUENCY_FIT.damping
+        least, most = FREQUENCY_FIT.damping_range
         cost = self._cost(point, bands)
         for _ in range(iterations):
             e, jacobian = self._stacked(point, bands)
             normal, gradient = jacobian.T @ jacobian, jacobian.T @ e
             scale = np.diag(normal) + 1e-9 * max(float(np.diag(normal).max(initial=0.0)), 1.0)
             better = False
-            while damping < 1e8:
+            while damping < most:
                 step = -np.linalg.solve(normal + np.diag(damping * scale), gradient)
-                trial = self._moved(point, np.clip(step, -2.0, 2.0))
+                trial = self._moved(point, np.clip(step, -FREQUENCY_FIT.most_step, FREQUENCY_FIT.most_step))
                 new = self._cost(trial, bands)
                 if np.isfinite(new) and new < cost:
                     better = True
                     break
-                damping *= 8.0
+                damping *= FREQUENCY_FIT.stiffened
             if not better:
                 break
             fallen, cost, point = cost - new, new, trial
-            damping = max(damping * 0.2, 1e-9)
+            damping = max(damping * FREQUENCY_FIT.relaxed, least)
             if fallen < FREQUENCY_FIT.still * max(cost, 1e-9):
                 break
         return point

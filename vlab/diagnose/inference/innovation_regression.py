@@ -209,7 +209,7 @@ class Regression:
             if not others or any(x[i] < 0 for i, p in enumerate(effect.amplitudes) if not p.signed):
                 return 0.0, np.sqrt(self.variance) / size
             return 0.5 * float(b[others] @ x[others]) / self.variance, x / size
-        if not effect.amplitudes and x[0] < 0.2 * size[0]:
+        if not effect.amplitudes and x[0] < SCORE_TEST.least_projection * size[0]:
             return 0.0, np.zeros(width)
         return 0.5 * float(b @ x) / self.variance, x / size
 
@@ -314,12 +314,14 @@ def joint_estimate(
         Parameter values of every candidate.
     """
     at, values = len(theta) + offsets, []
-    estimate = np.clip(theta + solution[: len(theta)], -2.0, 2.0)
+    estimate = np.clip(theta + solution[: len(theta)], -SCORE_TEST.most_theta, SCORE_TEST.most_theta)
     for candidate in candidates:
         own = dict(candidate.values)
         for parameter in candidate.effect.amplitudes:
             found = float(solution[at])
-            own[parameter.name] = found if parameter.signed else max(found, 0.02 * abs(own[parameter.name]), 1e-300)
+            own[parameter.name] = (
+                found if parameter.signed else max(found, SCORE_TEST.least_amplitude * abs(own[parameter.name]), 1e-300)
+            )
             at += 1
         values.append(own)
         at += not candidate.effect.amplitudes

@@ -65,7 +65,8 @@ class LeastSquares:
         self.runs = list(runs if runs is not None else screen.runs)
         self._weigh(model_error)
         self.highest = max(
-            min(float(np.abs(self.reduced_model.omega).max()) / (2 * np.pi), self.problem.highest_hz), 5e-4
+            min(float(np.abs(self.reduced_model.omega).max()) / (2 * np.pi), self.problem.highest_hz),
+            FIT.least_highest_hz,
         )
         self.active = self._active()
         self.free_starts: dict[int, tuple[Array, Array, Array]] = {}
@@ -424,7 +425,7 @@ class LeastSquares:
         return vector.packed(theta, offsets, states, values)
 
     def _unpacked(self, vector: ParameterVector, X: Array) -> tuple[Array, Array, Array, list[dict[str, Array]]]:
-        """Return log factors, offsets, initial states (n_sets, n_runs, 2m) and values of vectors."""
+        """Return factors, offsets, states (n_sets, n_runs, 2m) and values of vectors."""
         theta, offsets, states, values = vector.unpacked(X)
         starts = np.zeros((len(X), len(self.runs), 2 * self.reduced_model.m))
         for i, run in enumerate(self.runs):

@@ -232,7 +232,7 @@ def _probabilities(found: Found, best: Hypothesis) -> tuple[float, tuple[tuple[H
 
 
 def _ranking(found: Found, best: Hypothesis) -> tuple[tuple[Hypothesis, float], ...]:
-    options = [best, *found.hypotheses[:6]]
+    options = [best, *found.hypotheses[: MODEL_CHOICE.ranked]]
     weights = _shares(options)
     return tuple(zip(options[1:], weights[1:], strict=True))
 

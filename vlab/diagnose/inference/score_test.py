@@ -99,9 +99,9 @@ class ScoreTest:
         for _ in range(SCORE_TEST.refits if like is None else 1):
             self._linearise()
             step = self._step
-            if np.all(np.abs(step) <= 0.02 * self.reduced_model.prior + 1e-4):
+            if np.all(np.abs(step) <= SCORE_TEST.settled[0] * self.reduced_model.prior + SCORE_TEST.settled[1]):
                 break
-            self.theta = np.clip(self.theta + step, -2.0, 2.0)
+            self.theta = np.clip(self.theta + step, -SCORE_TEST.most_theta, SCORE_TEST.most_theta)
         else:
             self._linearise()
 
@@ -230,7 +230,7 @@ class ScoreTest:
         return modal_forces_of_changes(group, self.reduced_model, self.now.forces, self.theta)
 
     def changed_readings(self, group: Group) -> Array:
-        """Return readings (n, n_runs, p, n_changes) of unit parameters, of the forces of actuators alone."""
+        """Return readings (n, n_runs, p, n_changes) of actuators' unit parameters."""
         return np.zeros((*group.y.shape, len(self.reduced_model.changes)))
 
     @property
@@ -300,7 +300,7 @@ class ScoreTest:
         return sorted((c for part in found for c in part), key=lambda c: (-c.log_likelihood_gain, c.label))
 
     def _turns(self, place: Place) -> bool:
-        """Return whether a location without restoring force turns by more than a revolution."""
+        """Return whether a free location turns by more than a revolution."""
         is_shaft = place.kind == "port" and place.angular and len(place.rows) == 1
         if not is_shaft or place.is_held or place.stiffness > 0.0:
             return False

@@ -9,11 +9,10 @@ from vlab.cases.initial_state import InitialState
 from vlab.cases.simulate import simulate
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
-from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.parameters.terms import Fit, Term, with_effects
 from vlab.diagnose.settings import FIT, SIMULATOR_FIT
 from vlab.errors import VlabError
 from vlab.parallel import side_by_side
-from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
 from vlab.signals import Array
 
@@ -85,9 +84,8 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         """Return MuJoCo's normalised residual of a fit, and the system's defect."""
         system, states = self._along(fit)
         plant = self.problem.adjusted(fit.theta)
-        effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in fit.terms]
         try:
-            plant = attach(plant, effects, channels=self.problem.names) if effects else plant
+            plant = with_effects(plant, fit.terms, self.problem.names)
             found = side_by_side(lambda i: self._run(plant, i, states[i]), range(len(states)))
         except VlabError:
             return np.inf, None

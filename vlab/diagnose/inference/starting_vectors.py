@@ -83,7 +83,7 @@ def _beside_earlier(
 ) -> list[Array]:
     """Return an earlier fit with new terms in several sizes."""
     terms, out = vector.terms, []
-    for size in (1.0, 0.3, 0.05):
+    for size in FIT.beside:
         small = [{p.name: t.values[p.name] * size for p in t.effect.amplitudes} for t in terms]
         own = [
             known[t.label].values if t.label in known else {**t.values, **less}

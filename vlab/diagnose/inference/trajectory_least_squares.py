@@ -182,7 +182,7 @@ class TrajectoryLeastSquares(LeastSquares):
         return y[:, 0], out
 
     def descend(self, vector: ParameterVector, x: Array, iterations: int, tolerance: float = FIT.near_enough) -> Fit:
-        """See `LeastSquares`; the starts of whole runs move to the hypothesis' optimum first."""
+        """See `LeastSquares`; starts of whole runs move to the optimum first."""
         theta, offsets, _, values = vector.unpacked(x[None])
         own = [{k: float(v[0]) for k, v in p.items()} for p in values]
         self.move_starts(vector.terms, theta[0], own, offsets[0])

@@ -178,7 +178,7 @@ class TrajectoryScoreTest(ScoreTest):
         return group
 
     def through(self, group: Group, modal: Array | None, reading: Array | None, moved: Array | None = None) -> Array:
-        """See `ScoreTest`; generalised forces replace modal ones, and `moved` adds to the states."""
+        """See `ScoreTest`; forces are generalised, and `moved` adds to the states."""
         s, K = self.stack, self.gains.K
         assert modal is not None or reading is not None
         drive = self.B @ modal if modal is not None else -(K @ reading)
@@ -326,7 +326,7 @@ class TrajectoryScoreTest(ScoreTest):
         return np.array([p.is_of_actuator for p in self.problem.parameters], dtype=bool)
 
     def read_late(self, readings: Array) -> Array:
-        """Return direct readings (n, ...) of intervals at the samples, behind held commands."""
+        """Return direct readings (n, ...) at the samples, behind held commands."""
         is_behind = all(trajectory.is_behind for trajectory in self.moving.trajectories)
         return np.concatenate([readings[:1], readings[:-1]]) if is_behind else readings
 
@@ -435,7 +435,7 @@ class TrajectoryScoreTest(ScoreTest):
         return self._at_port(group, place, effect, shape), None
 
     def _at_port(self, group: Group, place: Place, effect: Effect, shape: dict[str, float]) -> Array:
-        """Return the generalised forces (n, n_runs, nv, k) of unit amplitudes at a port."""
+        """Return generalised forces (n, n_runs, nv, k) of unit amplitudes."""
         rows, z, v, a = self.known_motion(place)
         if isinstance(effect, LinearPortEffect):
             (values,) = unit_amplitudes(effect, {})
@@ -453,13 +453,11 @@ class TrajectoryScoreTest(ScoreTest):
                 each = ({**u, **numbers} for u in unit_amplitudes(effect, shape))
                 laws = [fast_series(effect, z[0], v[0], a[0], u, h, own) for u in each]
             else:
-                laws = [self._series(group, place, effect, u, z[0], v[0], own) for u in unit_amplitudes(effect, shape)]
+                laws = [self._series(effect, u, z[0], v[0], own) for u in unit_amplitudes(effect, shape)]
         series = [x / effect.probe if np.all(np.abs(x) < KERNELS.runaway) else 0.0 * z[0] for x in laws]
         return np.asarray(rows[0][..., None] * np.stack(series, axis=-1)[..., None, :])
 
-    def _series(
-        self, group: Group, place: Place, effect: PortEffect, values: dict[str, float], z: Array, v: Array, command: Any
-    ) -> Array:
+    def _series(self, effect: PortEffect, values: dict[str, float], z: Array, v: Array, command: Any) -> Array:
         t = pad_and_stack([c.time for c in self.moving.trajectories]) + 0.5 * self.stack.h
         return forces_on_trajectory(effect, z, v, values, self.stack.h, t, command)
 

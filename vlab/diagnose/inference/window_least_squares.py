@@ -51,7 +51,7 @@ def _cut(screen: ScoreTest, every: int, without: Sequence[Term]) -> Sequence[Sig
     if max(len(run) for run in screen.runs) <= WINDOW_FIT.whole:
         return screen.runs
     omega = np.abs(screen.reduced_model.omega)
-    moving = omega[omega > 0.1]
+    moving = omega[omega > WINDOW_FIT.least_omega]
     slowest = float(moving.min() / (2 * np.pi)) if moving.size else 0.0
     wrong = [(t.effect, t.place, t.values) for t in without if isinstance(t.effect, SensorEffect)]
     parts = [

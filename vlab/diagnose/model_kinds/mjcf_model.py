@@ -127,7 +127,7 @@ class MjcfModel(ModelKind):
 
 
 def _copy_assets(spec: Any, source: Path, folder: Path) -> None:
-    """Copy meshes, height fields, skins and textures of a model from its folder."""
+    """Copy the meshes, height fields, skins and textures of a model."""
     for kind, directory in (
         ("meshes", spec.meshdir),
         ("hfields", spec.meshdir),

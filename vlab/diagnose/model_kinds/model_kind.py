@@ -267,7 +267,7 @@ class ModelKind(ABC):
     def damping_of_responses(
         self, plant: Plant, parameters: Sequence[Uncertain], shapes: Array, M: Array, K: Array
     ) -> ModalDamping | None:
-        """Return the damping by ratios of all modes, a smooth function of the parameters.
+        """Return the damping by ratios, smooth in the parameters.
 
         Parameters
         ----------

@@ -26,7 +26,7 @@ LENGTH = "length"
 
 
 def geometry_parameters(plant: Plant, given: Mapping[str, float]) -> list[Uncertain]:
-    """Return inertias, lengths and stated centres of mass of all bodies, for large motion.
+    """Return uncertain inertias, lengths and stated centres of mass.
 
     Parameters
     ----------
@@ -48,8 +48,9 @@ def geometry_parameters(plant: Plant, given: Mapping[str, float]) -> list[Uncert
 def geometry_about_rest(plant: Plant, given: Mapping[str, float], basis: Array) -> list[Uncertain]:
     """Return inertias and lengths for small motion about rest.
 
-    They belong to the model where the case states them, or where gravity is the spring of a mode. They are then as
-    uncertain as the stiffness of a spring. A length is the distance of a centre of mass from the axis of its joint.
+    The parameters belong to the model where the case states them, or where gravity is the spring of a mode. The
+    parameters are then as uncertain as the stiffness of a spring. A length is the distance of a centre of mass from the
+    axis of its joint.
 
     Parameters
     ----------
@@ -135,7 +136,7 @@ def gravity_shares(plant: Plant, basis: Array) -> Array:
 
 
 def parts_about_rest(plant: Plant, parameters: Sequence[Uncertain], basis: Array) -> tuple[Part, ...]:
-    """Return the modal matrix parts under uncertain parameters with distances of centres of mass.
+    """Return the modal matrix parts of parameters with distances.
 
     The part of a body's mass in the mass matrix is quadratic in the distance, and the stiffness by gravity linear. Values at
     three distances give all coefficients exactly while the equilibrium stays.

@@ -85,7 +85,7 @@ def at_actuator(plant: Plant, one: AtActuator) -> Term:
 
 
 def at_sensor(plant: Plant, one: AtSensor, channels: Sequence[Compared]) -> list[Term]:
-    """Return the terms of a sensor's effect on the channels that read the sensor.
+    """Return a sensor's effect on the channels that read it.
 
     Parameters
     ----------

@@ -80,7 +80,10 @@ def kept_modes(linear: SecondOrderModel, rows: ChannelRows, highest_hz: float, r
     omega, shapes = linear.eigen
     kept = observable(rows.onto(np.eye(len(omega))), shapes, omega)
     widest = 2 * np.pi * MODE_SELECTION.seen * rate_hz
-    band = min(2 * np.pi * max(MODE_SELECTION.band_margin * highest_hz, 1.5 * _lowest(omega, kept)), widest)
+    band = min(
+        2 * np.pi * max(MODE_SELECTION.band_margin * highest_hz, MODE_SELECTION.above_lowest * _lowest(omega, kept)),
+        widest,
+    )
     if np.sum(kept & (np.abs(omega) < widest)) <= MODE_SELECTION.few:
         band = widest
     kept &= np.abs(omega) < band

@@ -143,7 +143,7 @@ def with_noise_of(runs: Sequence[Run], others: Sequence[Run]) -> tuple[Run, ...]
 
 
 def short_notes(case: Case, runs: Sequence[Run]) -> list[str]:
-    """Return a note on every fit recording that is too short and left out.
+    """Return notes on recordings that are too short for the fit.
 
     Parameters
     ----------

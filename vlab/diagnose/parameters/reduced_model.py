@@ -198,7 +198,7 @@ class ModalDamping:
 
 
 def _modes(M: Array, K: Array) -> tuple[Array, Array, Array]:
-    """Return squared frequencies (n, m), shapes and momenta M phi (n, m, m)."""
+    """Return squared frequencies (n, m), shapes and momenta (n, m, m)."""
     root = np.linalg.cholesky(M)
     half = np.linalg.solve(root, K)
     squares, turned = np.linalg.eigh(np.linalg.solve(root, half.swapaxes(1, 2)))

@@ -3,7 +3,7 @@
 Parameters concern sections, fittings, tension, damping and gains.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
@@ -97,33 +97,7 @@ def structure_parameters(
     if structure.tuning is not None and structure.tuning.of_fe:
         usual["frequency"] = STRUCTURE_PRIORS.of_fe_sd
     sd = {kind: given.get(kind, default) for kind, default in usual.items()}
-    out = []
-    for name in structure.section:
-        out.append(
-            StructureUncertain(
-                name=f"section:{name}:stiffness", kind="stiffness", sd=sd["stiffness"], edit=_stiffness(name)
-            )
-        )
-        if structure.section[name].mass_per_length > 0:
-            out.append(StructureUncertain(name=f"section:{name}:mass", kind="mass", sd=sd["mass"], edit=_mass(name)))
-    if structure.mass or structure.clamp or structure.coil:
-        out.append(StructureUncertain(name="fittings:mass", kind="mass", sd=sd["mass"], edit=_fittings))
-    if any(cable.tension for cable in structure.cable):
-        out.append(StructureUncertain(name="tension", kind="tension", sd=sd["tension"], edit=_tension))
-    if any(cable.density for cable in structure.cable):
-        out.append(StructureUncertain(name="cables:mass", kind="mass", sd=sd["mass"], edit=_cables))
-    if structure.plate:
-        out.append(StructureUncertain(name="plates:weight", kind="tension", sd=sd["tension"], edit=_plates))
-        out.append(StructureUncertain(name="plates:inertia", kind="mass", sd=sd["mass"], edit=_inertia))
-    out.append(
-        StructureUncertain(name=ALL_DAMPING, kind="damping", sd=MJCF_PRIORS.common * sd["damping"], edit=_damping(None))
-    )
-    out += [
-        StructureUncertain(
-            name=f"{ALL_DAMPING}:mode{i + 1}", kind="damping", sd=MJCF_PRIORS.own * sd["damping"], edit=_damping(i)
-        )
-        for i in range(len(structure.damping.ratios))
-    ]
+    out = [*_sections(structure, sd), *_masses_and_tensions(structure, sd), *_dampings(structure, sd["damping"])]
     out += [
         StructureUncertain(name=f"{FREQUENCY}{i + 1}", kind="frequency", sd=sd["frequency"], edit=_frequency(i))
         for i in range(tuned)
@@ -142,6 +116,37 @@ def structure_parameters(
     if unknown:
         raise unknown_name("parameter", unknown[0], [p.name for p in out], where="[model.uncertain]")
     return [replace(p, sd=given.get(p.name, p.sd)) for p in out]
+
+
+def _sections(structure: Structure, sd: Mapping[str, float]) -> Iterator[StructureUncertain]:
+    """Yield stiffness and mass of every section."""
+    for name, section in structure.section.items():
+        edit = _stiffness(name)
+        yield StructureUncertain(name=f"section:{name}:stiffness", kind="stiffness", sd=sd["stiffness"], edit=edit)
+        if section.mass_per_length > 0:
+            yield StructureUncertain(name=f"section:{name}:mass", kind="mass", sd=sd["mass"], edit=_mass(name))
+
+
+def _masses_and_tensions(structure: Structure, sd: Mapping[str, float]) -> Iterator[StructureUncertain]:
+    """Yield the parameters of fittings, cables and plates that the structure has."""
+    cables = structure.cable
+    for is_there, name, kind, edit in (
+        (structure.mass or structure.clamp or structure.coil, "fittings:mass", "mass", _fittings),
+        (any(cable.tension for cable in cables), "tension", "tension", _tension),
+        (any(cable.density for cable in cables), "cables:mass", "mass", _cables),
+        (structure.plate, "plates:weight", "tension", _plates),
+        (structure.plate, "plates:inertia", "mass", _inertia),
+    ):
+        if is_there:
+            yield StructureUncertain(name=name, kind=kind, sd=sd[kind], edit=edit)
+
+
+def _dampings(structure: Structure, sd: float) -> Iterator[StructureUncertain]:
+    """Yield the factors on all damping ratios and on each."""
+    yield StructureUncertain(name=ALL_DAMPING, kind="damping", sd=MJCF_PRIORS.common * sd, edit=_damping(None))
+    for i in range(len(structure.damping.ratios)):
+        name = f"{ALL_DAMPING}:mode{i + 1}"
+        yield StructureUncertain(name=name, kind="damping", sd=MJCF_PRIORS.own * sd, edit=_damping(i))
 
 
 def _places(structure: Structure, sensors: Sequence[int | None], sd: float) -> list[StructureUncertain]:

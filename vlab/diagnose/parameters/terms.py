@@ -7,7 +7,9 @@ import numpy as np
 
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.settings import TERMS
+from vlab.physics.attach import Attached, attach
 from vlab.physics.effect import Effect, Parameter
+from vlab.plants.base import Plant
 from vlab.signals import Array
 
 
@@ -39,6 +41,16 @@ def of_element(term: Term) -> Term:
     """Return a term with values from the local elastic element."""
     values = term.effect.of_element(term.values, term.place.stiffness)
     return term if values is None else replace(term, values=values)
+
+
+def attached(terms: Sequence[Term]) -> list[Attached]:
+    """Return the effects of terms at their locations."""
+    return [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in terms]
+
+
+def with_effects(plant: Plant, terms: Sequence[Term], channels: Sequence[str]) -> Plant:
+    """Return a plant with the effects of terms, for its named channels."""
+    return attach(plant, attached(terms), channels=channels) if terms else plant
 
 
 def is_meant(terms: Sequence[Term]) -> bool:

@@ -9,6 +9,7 @@ from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.reduced_model import ReducedModel, discretise
 from vlab.diagnose.predictors.innovations import Group, impulses_of, middles
 from vlab.diagnose.predictors.kalman import FilterGains, filter_gains, run_filter, stack_runs, start_covariance, tune
+from vlab.diagnose.settings import KALMAN
 from vlab.physics.effect import SensorEffect
 from vlab.signals import Array
 
@@ -99,5 +100,5 @@ def smoothed_without(
 def _converged(gains: FilterGains) -> int:
     """Return the first sample whose innovations have nearly the stationary covariance."""
     steady = np.trace(gains.S[-1])
-    converged = [i for i in range(len(gains.S)) if np.trace(gains.S[i]) < 1.5 * steady]
+    converged = [i for i in range(len(gains.S)) if np.trace(gains.S[i]) < KALMAN.converged * steady]
     return converged[0] if converged else 0

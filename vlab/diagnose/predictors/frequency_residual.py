@@ -354,7 +354,7 @@ def tracked(modes: ModelModes, data: Modes, rows: Array) -> Array:
         a, b = linear_sum_assignment(cost)
         out[a] = b
         return out
-    return _in_order(np.minimum(cost, FREQUENCY_RESIDUAL.far**2), freq, data)
+    return _in_order(np.minimum(cost, FREQUENCY_RESIDUAL.far**2))
 
 
 def _little(part: Array) -> Array:
@@ -364,7 +364,7 @@ def _little(part: Array) -> Array:
     )
 
 
-def _in_order(cost: Array, freq: Array, data: Modes) -> Array:
+def _in_order(cost: Array) -> Array:
     """Return the cheapest order-preserving pairing of modes."""
     n, k = cost.shape
     if k < n:

@@ -71,7 +71,7 @@ def changed_in_parts(follow: Callable[[Array], Array], command: Array, parts: in
 
 
 def over_intervals(stack: SystemBatch, forces: Sequence[Array]) -> tuple[Array, Array | None]:
-    """Return the mean of the forces of parts, and the motion by their deviations.
+    """Return the mean force of parts, and the motion by their deviations.
 
     Parameters
     ----------

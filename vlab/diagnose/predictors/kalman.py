@@ -304,7 +304,7 @@ def start_covariance(system: Discrete, y: Array) -> Array:
     for i in range(2 * m):
         x, seen = np.zeros(2 * m), np.zeros(len(C))
         x[i] = 1.0
-        for _ in range(64):
+        for _ in range(KALMAN.start_steps):
             seen = np.maximum(seen, np.abs(C @ x))
             x = A @ x
         ratio = np.divide(largest, seen, out=np.full(len(C), np.inf), where=seen > 1e-12 * max(seen.max(), 1e-300))
@@ -367,12 +367,13 @@ def tune(
         known.update({o: value(o) for o in options if o not in known})
         return max(options, key=lambda o: known[o])
 
+    coarse, fine = KALMAN.finer
     if near > 0:
-        best = best_of([float(np.log10(near / reference)) + step for step in (-0.75, 0.0, 0.75)])
+        best = best_of([float(np.log10(near / reference)) + step for step in (-coarse, 0.0, coarse)])
     else:
-        best = best_of([float(g) for g in np.arange(-8.0, 9.0, 1.5)])
-        best = best_of([best - 0.75, best, best + 0.75])
-    best = best_of([best - 0.375, best, best + 0.375])
+        best = best_of([float(g) for g in np.arange(*KALMAN.decades)])
+        best = best_of([best - coarse, best, best + coarse])
+    best = best_of([best - fine, best, best + fine])
     intensity = reference * 10.0**best
     return intensity, filter_gains(system, noise, intensity, start)
 

@@ -72,7 +72,7 @@ class ResidualVectors:
         return np.hstack([place.rows, own, own])
 
     def push(self, place: Place) -> Array:
-        """Return the forces (k, m + 2r) of a unit force at a place."""
+        """Return modal forces (k, m + 2r) of a unit force."""
         if not self.r:
             return place.rows
         own = place.truncated @ self.basis

@@ -273,7 +273,7 @@ class Stepper:
         exact = [self.advance(q, v, u, load, h) for q, v, u, load, h in states]
         size = np.array([np.abs(self._difference(s[0], s[1], *e)) for s, e in zip(states, exact, strict=True)])
         scale = np.maximum(size.max(axis=0), 1e-12)
-        for count in (1, 2, 4, 8, 16, 32):
+        for count in STEP_JACOBIAN.trial_substeps:
             if count >= finest:
                 break
             self.substeps = count

@@ -345,9 +345,9 @@ def tuned(s: SystemBatch, near: float | None = None) -> float:
         return float(grid[int(np.argmax(values))])
 
     if near is None:
-        near = likeliest(reference * 10.0 ** np.arange(-8.0, 9.0, 1.0))
-        return likeliest(near * 10.0 ** np.array([-0.6, -0.3, 0.0, 0.3, 0.6]))
-    return likeliest(near * 10.0 ** np.array([-3.0, -2.0, -1.2, -0.8, -0.4, 0.0, 0.4]))
+        near = likeliest(reference * 10.0 ** np.arange(*TRAJECTORY.decades))
+        return likeliest(near * 10.0 ** np.array(TRAJECTORY.finer))
+    return likeliest(near * 10.0 ** np.array(TRAJECTORY.about_earlier))
 
 
 def smoothed_motions(

@@ -12,6 +12,7 @@ from vlab.cases.linear_start import exponentials
 from vlab.cases.replay_inputs import at_samples
 from vlab.diagnose.data.noise import known_noise, noise_level, uneven_noise
 from vlab.diagnose.data.quality import is_informative, on_clock
+from vlab.diagnose.data.recorded_inputs import recorded_inputs
 from vlab.diagnose.data.runs import liveliest, on_grid
 from vlab.diagnose.predictors.actuator_states import actuator_states
 from vlab.diagnose.predictors.step_jacobian import Stepper
@@ -118,39 +119,22 @@ def read_trajectory_data(
         Run.
     """
     time = run.measured.time - run.measured.time[0]
-    h = sample_period(time)
-    is_even = bool(np.ptp(np.diff(time)) < 1e-3 * h)
-    columns = [
-        run.measured[c.channel] + (r if c.from_rest else 0.0) for c, r in zip(stepper.channels, rest, strict=True)
-    ]
-    if thin > 1 and is_even:
-        grid = h * thin * np.arange(round(time[-1] / h) // thin + 1)
-        columns = [on_grid(time, column, grid, thin) for column in columns]
-    else:
-        grid = time
-    y = np.column_stack([column[: len(grid)] for column in columns])
-    part = (
-        liveliest(y, TRAJECTORY_DATA.most_samples) if not stepper.model.na else slice(0, TRAJECTORY_DATA.most_samples)
-    )  # actuator states start at zero
+    is_even = bool(np.ptp(np.diff(time)) < 1e-3 * sample_period(time))
+    grid, y = _on_sample_times(run, stepper, rest, time, thin if is_even else 1)
+    most = TRAJECTORY_DATA.most_samples
+    part = slice(0, most) if stepper.model.na else liveliest(y, most)  # actuator states start at zero
     grid, y = grid[part], y[part]
     edges = np.append(grid, grid[-1] + (grid[-1] - grid[-2]))
-    orders = [_order(stepper, i, run) for i in range(y.shape[1])]
-    slow = np.array([order < 2 for order in orders])
+    slow = np.array([_order(stepper, i, run) < 2 for i in range(y.shape[1])])
     is_driven = bool(run.drives) or commands is not None
     starts = is_driven and begins_at_rest(y - rest, slow, stepper.plant)
     stood = run.initial != "rest" and not starts
     inputs, now = np.zeros((2, len(grid), n_actuators + len(load_ports)))
-
-    def add(column: int, values: Array, *, is_held: bool, is_first: bool) -> None:
-        inputs[:, column] += _means(time, values, is_held, edges)
-        now[:, column] += np.interp(grid, time, at_samples(values, is_held=is_held, is_first=is_first, stood=stood))
-
-    for drive in run.drives:
-        at = n_actuators + list(load_ports).index(drive.port) if drive.actuator is None else drive.actuator
-        add(at, run.measured[drive.channel], is_held=drive.is_held, is_first=drive.is_first)
-    for i, column in enumerate([] if commands is None else commands.T):
-        add(i, column, is_held=True, is_first=False)
-    u, load = inputs[:, :n_actuators], inputs[:, n_actuators:]
+    for i in recorded_inputs(run, n_actuators, load_ports, commands, through_hardware=False):
+        inputs[:, i.column] += _means(time, i.values, i.is_held, edges)
+        present = at_samples(i.values, is_held=i.is_held, is_first=i.is_first, stood=stood)
+        now[:, i.column] += np.interp(grid, time, present)
+    u = inputs[:, :n_actuators]
     valid = is_informative(run, stepper.channels)
     usable = on_clock(run, valid, grid) if is_even else valid[part]
     scale = np.std(y, axis=0)
@@ -160,7 +144,7 @@ def read_trajectory_data(
         time=grid,
         h=np.diff(edges),
         u=u,
-        load=load,
+        load=inputs[:, n_actuators:],
         now_u=now[:, :n_actuators],
         now_load=now[:, n_actuators:],
         is_behind=all(drive.is_held and not drive.is_first for drive in run.drives),
@@ -171,7 +155,7 @@ def read_trajectory_data(
             [
                 known.sigma
                 if (known := known_noise(run, c.channel, column, thin if is_even else 1))
-                else _noise(grid, column, is_even, np.column_stack([u, load]))
+                else _noise(grid, column, is_even, inputs)
                 for c, column in zip(stepper.channels, y.T, strict=True)
             ]
         ),
@@ -179,6 +163,19 @@ def read_trajectory_data(
         at_rest=part.start == 0 and (run.initial == "rest" or (run.initial == "auto" and starts)),
         valid=None if usable.all() else usable,
     )
+
+
+def _on_sample_times(run: Run, stepper: Stepper, rest: Array, time: Array, thin: int) -> tuple[Array, Array]:
+    """Return sample times (n,), and channels (n, p) from the model's zero."""
+    columns = [
+        run.measured[c.channel] + (r if c.from_rest else 0.0) for c, r in zip(stepper.channels, rest, strict=True)
+    ]
+    if thin == 1:
+        return time, np.column_stack(columns)
+    h = sample_period(time)
+    grid = h * thin * np.arange(round(time[-1] / h) // thin + 1)
+    columns = [on_grid(time, column, grid, thin) for column in columns]
+    return grid, np.column_stack([column[: len(grid)] for column in columns])
 
 
 def _noise(time: Array, column: Array, is_even: bool, inputs: Array) -> float:
@@ -191,7 +188,7 @@ def _noise(time: Array, column: Array, is_even: bool, inputs: Array) -> float:
     if not is_even:
         return local
     floor = noise_level(column, inputs)
-    return float(np.clip(local, floor, 1.25 * floor))
+    return float(np.clip(local, floor, TRAJECTORY_DATA.most_noise * floor))
 
 
 def _order(stepper: Stepper, i: int, run: Run) -> int:
@@ -254,10 +251,10 @@ def _spline(trajectory: TrajectoryData, i: int) -> tuple[Array, Array]:
     """Return a smoothed position and its rate."""
     y, t = trajectory.y[:, i], trajectory.time
     noise = float(trajectory.noise[i])
-    low, high = -8.0, 4.0
+    low, high = TRAJECTORY_DATA.smoothing
     size = float(np.mean(np.diff(t))) ** 3
     best = make_smoothing_spline(t, y, lam=size * 10.0**low)
-    for _ in range(4):
+    for _ in range(TRAJECTORY_DATA.halvings):
         middle = 0.5 * (low + high)
         tried = make_smoothing_spline(t, y, lam=size * 10.0**middle)
         if float(np.std(tried(t) - y)) < noise:
@@ -270,11 +267,13 @@ def _spline(trajectory: TrajectoryData, i: int) -> tuple[Array, Array]:
 def _filtered(trajectory: TrajectoryData, stepper: Stepper, q: Array, v: Array, known: Sequence[int]) -> Motion:
     """Filter a run forwards on MuJoCo's steps."""
     nv = stepper.nv
-    spread = np.concatenate([np.full(nv, TRAJECTORY_DATA.wide), np.full(nv, 5 * TRAJECTORY_DATA.wide)])
+    spread = np.concatenate(
+        [np.full(nv, TRAJECTORY_DATA.wide), np.full(nv, TRAJECTORY_DATA.rates * TRAJECTORY_DATA.wide)]
+    )
     for dof in known:
-        spread[dof] *= 0.1
-    P = np.diag(spread**2) if not trajectory.at_rest else 1e-8 * np.eye(2 * nv)
-    R = np.diag((trajectory.noise + 0.01 * trajectory.scale) ** 2)
+        spread[dof] *= TRAJECTORY_DATA.measured
+    P = np.diag(spread**2) if not trajectory.at_rest else TRAJECTORY_DATA.known_start * np.eye(2 * nv)
+    R = np.diag((trajectory.noise + TRAJECTORY_DATA.floor * trajectory.scale) ** 2)
     out_q, out_v = np.zeros((len(trajectory), len(q))), np.zeros((len(trajectory), nv))
     for k in range(len(trajectory)):
         (u, load), h = trajectory.inputs(k), float(trajectory.h[k])
@@ -289,8 +288,8 @@ def _filtered(trajectory: TrajectoryData, stepper: Stepper, q: Array, v: Array, 
         out_q[k], out_v[k] = q, v
         A, G = sampled(L, M, h)
         q, v = stepper.advance(q, v, u, load, h, act)
-        rate = np.sqrt(np.mean(out_v[: k + 1] ** 2)) + 1e-3
-        intensity = (5.0 * rate) ** 2  # unknown accelerations of some velocities per second
+        rate = np.sqrt(np.mean(out_v[: k + 1] ** 2)) + TRAJECTORY_DATA.still
+        intensity = (TRAJECTORY_DATA.accelerations * rate) ** 2  # unknown accelerations of some velocities per second
         P = A @ P @ A.T + intensity * G @ M @ G.T
         P = 0.5 * (P + P.T)
     return Motion(q=out_q, v=out_v)

@@ -99,6 +99,31 @@ def integrate_trajectory(
     memories = [law.memory or () for law, _ in traced]
     held, registers = loaded([graph for _, graph in traced], own, memories, (n_sets, n_windows))
     results = np.array([graph.force for _, graph in traced], dtype=np.int64)
+    impedance = np.zeros((len(laws), 3, n_sets))
+    for i, law in enumerate(laws):
+        if law.is_linear:
+            impedance[i] = np.array(law.impedance)[..., 0]
+    which = iter(range(len(traced)))
+    kinds = np.array(
+        [
+            (law.path.rows.shape[1], -1 if law.is_linear else next(which), law.memory is None and not law.is_last)
+            for law in laws
+        ],
+        dtype=np.int64,
+    ).reshape(-1, 3)
+    paths, acting, clock = _tables(laws, n, n_windows, size, steps, forces.shape[-1])
+    states, x = np.empty_like(drive), np.ascontiguousarray(starts)
+    system = (np.ascontiguousarray(A), np.ascontiguousarray(drive), np.ascontiguousarray(defect))
+    _integrate(
+        system, steps, paths, acting, impedance, kinds, clock, held, results, registers, x.copy(), states, forces
+    )
+    return states
+
+
+def _tables(
+    laws: Sequence[Law], n: int, n_windows: int, size: int, steps: int, n_forces: int
+) -> tuple[tuple[Array, Array, Array, Array], tuple[Array, Array, Array, Array], tuple[Array, Array, Array]]:
+    """Return paths, effects and clock of all laws, equally padded."""
     lines = max((law.path.rows.shape[1] for law in laws), default=1)
 
     def padded(x: Array, axes: tuple[int, ...]) -> Array:
@@ -115,34 +140,17 @@ def integrate_trajectory(
     )
     acting = (
         together([padded(law.into, (0,)) for law in laws], lines, n, n_windows, size),
-        together([padded(law.seen, (0,)) for law in laws], lines, n, n_windows, forces.shape[-1]),
+        together([padded(law.seen, (0,)) for law in laws], lines, n, n_windows, n_forces),
         together([padded(law.gain, (2, 3)) for law in laws], n, n_windows, lines, lines),
         together([law.reach[..., 0, 0] for law in laws], n, n_windows),
     )
-    impedance = np.zeros((len(laws), 3, n_sets))
-    for i, law in enumerate(laws):
-        if law.is_linear:
-            impedance[i] = np.array(law.impedance)[..., 0]
-    which = iter(range(len(traced)))
-    kinds = np.array(
-        [
-            (law.path.rows.shape[1], -1 if law.is_linear else next(which), law.memory is None and not law.is_last)
-            for law in laws
-        ],
-        dtype=np.int64,
-    ).reshape(-1, 3)
     still = np.zeros((n, n_windows))
     clock = (
         together([law.path.h for law in laws], n, n_windows),
         together([law.t for law in laws], n, n_windows),
         together([still if law.command is None else law.command for law in laws], n, n_windows),
     )
-    states, x = np.empty_like(drive), np.ascontiguousarray(starts)
-    system = (np.ascontiguousarray(A), np.ascontiguousarray(drive), np.ascontiguousarray(defect))
-    _integrate(
-        system, steps, paths, acting, impedance, kinds, clock, held, results, registers, x.copy(), states, forces
-    )
-    return states
+    return paths, acting, clock
 
 
 @in_any_order

@@ -64,7 +64,7 @@ def lines_along(plant: Plant, systems: Sequence[TimeVaryingSystem], port: Port, 
 
 
 def _rows_and_coordinates(plant: Plant, ports: Sequence[Port], system: TimeVaryingSystem) -> tuple[Array, Array]:
-    """Return ports' rows (n, k, nv) and coordinates (n, k) along a motion."""
+    """Return rows (n, k, nv) and coordinates (n, k) of ports."""
     model, data, n = plant.model, mujoco.MjData(plant.model), len(system.M)
     rows, z = np.zeros((n, len(ports), model.nv)), np.zeros((n, len(ports)))
     for k, q in enumerate(system.motion.q):

@@ -20,7 +20,7 @@ from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.predictors.step_jacobian import Stepper
 from vlab.diagnose.predictors.trajectory_data import Motion, TrajectoryData, first_motion, read_trajectory_data
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.settings import LOCATIONS, TRAJECTORY_DATA
+from vlab.diagnose.settings import LOCATIONS, STEP_JACOBIAN, TRAJECTORY_DATA
 from vlab.errors import BadStructure
 from vlab.parallel import side_by_side
 from vlab.plants.base import Plant
@@ -120,7 +120,7 @@ def prepare_trajectory(case: Case) -> tuple[Problem, Trajectories]:
         [
             (m.q[k], m.v[k], c.u[k], c.load[k], float(c.h[k]))
             for c, m in zip(trajectories, motions, strict=True)
-            for k in range(0, len(c), max(1, len(c) // 12))
+            for k in range(0, len(c), max(1, len(c) // STEP_JACOBIAN.compared))
         ]
     )
     parameters = tuple(trajectory_parameters(plant, case.table.model.uncertain, names, driven))

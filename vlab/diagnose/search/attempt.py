@@ -134,8 +134,8 @@ class Trials:
     ) -> Attempt:
         """Return the attempt of fewest effects that predicts as well.
 
-        A further effect may fit what is no such effect. Its refitted rivals without it then predict as well. An effect
-        that does nothing in these recordings stays.
+        A further effect may fit a mismatch of another cause. Hypotheses without the effect then predict as well after a
+        refit. An effect that does nothing in these recordings stays.
 
         Parameters
         ----------
@@ -212,7 +212,7 @@ class Trials:
 def without_useless(
     attempt: Attempt, first: int, again: Callable[[Fit], Attempt], stands: Callable[[Attempt], bool]
 ) -> Attempt:
-    """Return an attempt without the terms that do not help on hold-out data.
+    """Return an attempt without terms that are idle on hold-out data.
 
     An effect of a fit that does not help to predict other data is dropped (ablation). An idle effect stays, since its
     data cannot refute it.
@@ -241,7 +241,7 @@ def without_useless(
 
 
 def _useful_terms(attempt: Attempt, first: int) -> tuple[Term, ...]:
-    """Return the useful and the idle terms; all terms where none is useful."""
+    """Return the useful and the idle terms, or all terms."""
     kept = []
     for i, term in enumerate(attempt.fit.terms, start=first):
         parts = [(run, run.parts[i]) for run in attempt.checked if len(run.parts) > i and not run.parts[i].is_idle]
@@ -253,7 +253,7 @@ def _useful_terms(attempt: Attempt, first: int) -> tuple[Term, ...]:
 def best_attempt(
     first: Attempt, others: Iterable[Attempt], is_partial: Callable[[Attempt], bool] | None = None
 ) -> Attempt | None:
-    """Return the attempt that explains most, else a part, else the best without divergence.
+    """Return the attempt that explains most, or else a part.
 
     Parameters
     ----------
@@ -285,7 +285,7 @@ def further_attempts(
 ) -> Iterator[Attempt]:
     """Yield attempts with other hypotheses.
 
-    Where hold-out data refute a set of effects, one effect of the set may fit what is no such effect. Hypotheses with fewer
+    Where hold-out data refute a set of effects, one effect of the set may fit a mismatch of another cause. Hypotheses with fewer
     effects of the set come first then.
 
     Parameters
@@ -319,7 +319,7 @@ def _labels(terms: Sequence[Term]) -> set[str]:
 
 
 def _is_refuted(attempt: Attempt) -> bool:
-    """Return whether effects predict hold-out data no better than the model without them."""
+    """Return whether effects improve no prediction of hold-out data."""
     tests = verifying(attempt.checked)
     return bool(attempt.fit.terms and tests) and not total(tests, "after") < total(tests, "start")
 

@@ -88,7 +88,7 @@ class ForwardSelection:
         return best_of_labels(out)
 
     def _exchanged(self, best: Hypothesis) -> list[Hypothesis]:
-        """Return fits of several effects with one law exchanged for another of its family."""
+        """Return fits with one law exchanged for another of its family."""
         laws = {term.effect.name: term.effect for term in best.terms}
         sets: list[list[Term]] = []
         for law in laws.values() if len(laws) > 1 else ():
@@ -121,14 +121,14 @@ class ForwardSelection:
         return out
 
     def _goes_on(self, hypotheses: Sequence[Hypothesis]) -> bool:
-        """Return whether there is time, and the best hypothesis leaves too much of whole runs."""
+        """Return whether time and residual are left for further effects."""
         if self.deadline.is_past:
             return False
         best = by_score(hypotheses)[0]
         return scored_by(self.whole, best.long_fit).normalised_residual > self.enough
 
     def _seeds(self, level: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Return the hypotheses that further effects join: the best, and its plainest relative.
+        """Return the hypotheses that further effects join.
 
         A law of many parameters stands in for two simple laws, and then hides the second.
         """
@@ -171,7 +171,7 @@ class ForwardSelection:
         return with_whole_runs(short, self.whole, fit)
 
     def _pool(self) -> list[Candidate]:
-        """Return the candidates of the profile screening: the best places of every effect, in turn."""
+        """Return the candidates: the best places of every effect, in turn."""
         ranks: dict[str, int] = {}
         order = []
         for candidate in self.candidates:
@@ -258,8 +258,8 @@ def _gain_of_law(law: Sequence[Candidate]) -> float:
 def further_effects(best: Hypothesis, table: Sequence[Candidate]) -> list[Candidate]:
     """Return the candidates that join a hypothesis.
 
-    They are the best of every family, and the hypothesis' own effects at their best other location. Effects that gain as
-    much as the best one join them. Two slip laws at one location are one friction.
+    The candidates are the best of every family, and the hypothesis' own effects at their best other location. Effects
+    that gain as much as the best one join them. Two slip laws at one location are one friction.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ def with_left_out(
     before: Fit,
     findings_of: Callable[[Fit], Sequence[Finding]],
 ) -> Attempt:
-    """Return an attempt with the errors on fitted recordings that are left out in turn.
+    """Return an attempt with its errors on left-out recordings.
 
     Parameters
     ----------

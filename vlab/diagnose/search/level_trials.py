@@ -72,7 +72,7 @@ def level_of(data: Measured) -> float:
 
 
 def has_levels(problem: FrequencyProblem) -> bool:
-    """Return whether a problem's data can identify nonlinear effects: at least two known levels."""
+    """Return whether the data have at least two known levels."""
     return knows_levels((*problem.measured, *problem.held_out)) and len(levels_of(problem.measured)) > 1
 
 
@@ -159,7 +159,7 @@ def calibrate_levels(fitter: Fitter, start: Array) -> Levels:
 
 
 def _trends(problem: FrequencyProblem, states: Sequence[tuple[float, State]]) -> tuple[Trend, ...]:
-    """Return the modes of the calibrations in the measured band, paired in order."""
+    """Return the paired modes of the calibrations in the measured band."""
     low, high = problem.measured_hz
     rows = []
     for _, state in states:
@@ -269,7 +269,7 @@ def _signed(p: Parameter, values: Array) -> Array:
 
 
 def _largest(problem: FrequencyProblem, levels: Levels, effect: Effect, place: Place) -> tuple[float, float]:
-    """Return the largest motion or signal at a place, and its circular frequency."""
+    """Return the largest signal at a place, and its circular frequency."""
     sizes, omegas = [0.0], [1.0]
     for motion in levels.motions:
         if effect.kind == "port":

@@ -62,7 +62,10 @@ class _Base:
 
     @classmethod
     def of(cls, whole: LeastSquares, fit: Fit) -> "_Base":
-        """Return the base of a fit; nonsmooth laws take the coarse steps of first fits."""
+        """Return the base of a fit.
+
+        Nonsmooth laws take the coarse steps of first fits.
+        """
         coarse = copy(whole)
         coarse.is_rough = True
         vector = coarse.vector(fit.terms)
@@ -106,7 +109,7 @@ def _profiled(base: _Base, candidate: Candidate) -> Candidate:
 
 
 def _shapes(candidate: Candidate) -> list[Values]:
-    """Return values with every shape at and about that of the earlier screening."""
+    """Return values with every shape about that of the screening."""
     out = [dict(candidate.values)]
     for parameter in candidate.effect.shapes:
         factors = (1.0,) if parameter.signed else PROFILE_SCREENING.shape_factors
@@ -115,7 +118,7 @@ def _shapes(candidate: Candidate) -> list[Values]:
 
 
 def _resonances(base: _Base, candidate: Candidate) -> list[Values]:
-    """Return values at the resonances of largest profiled gain over the recorded band.
+    """Return values at the resonances of largest profiled gain.
 
     Filter innovations show a resonance within the memory of the observer only, and its likelihood has a narrow peak.
     """
@@ -141,7 +144,7 @@ def _resonances(base: _Base, candidate: Candidate) -> list[Values]:
 
 
 def _linear_gain(base: _Base, column: Array, target: Array) -> float:
-    """Return the decrease of the profiled cost by an unsigned amplitude, to first order."""
+    """Return the first-order decrease of the cost by an unsigned amplitude."""
     across = base.project(column[None])[0]
     return float(max(-(across @ target), 0.0) ** 2 / max(float(across @ across), 1e-300))
 
@@ -220,7 +223,7 @@ class _Step:
 
 
 def _columns(base: _Base, candidate: Candidate, steps: Sequence[_Step]) -> list[Array | None]:
-    """Return the changes of the residual per unit of every step's amplitude, or None.
+    """Return changes of the residual per unit of every step's amplitude.
 
     All steps are simulated as one batch. The amplitude of a step is reduced until the residual changes little, and raised
     until the change exceeds rounding.
@@ -237,9 +240,13 @@ def _columns(base: _Base, candidate: Candidate, steps: Sequence[_Step]) -> list[
             step, moved = steps[i], residual - base.residual
             size = float(np.linalg.norm(moved))
             if not np.isfinite(size) or size > high:
-                step.unit *= min(0.3 * high / size, 0.1) if np.isfinite(size) else 1e-3
+                step.unit *= (
+                    min(PROFILE_SCREENING.target * high / size, PROFILE_SCREENING.most_shrink)
+                    if np.isfinite(size)
+                    else PROFILE_SCREENING.after_divergence
+                )
             elif size < low:
-                step.unit *= 0.3 * high / max(size, 1e-3 * low)
+                step.unit *= PROFILE_SCREENING.target * high / max(size, PROFILE_SCREENING.most_growth * low)
             else:
                 found[i] = np.asarray(moved / step.unit)
                 continue

@@ -38,6 +38,7 @@ from vlab.diagnose.search.shortlist import best_of_effects, best_places, related
 from vlab.diagnose.settings import FIT, HYPOTHESIS_FITS, SCORE_TEST, SECOND_EFFECT, SELECTION
 from vlab.parallel import side_by_side
 from vlab.physics.effect import Effect
+from vlab.signals import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,51 +93,25 @@ def search(
     effects = [effect for effect in effects if shows(problem, effect)]
     report(0.05, "screening")
     candidates = _sharpened(screen, screen.candidates(effects))
-    narrow, before = _calibrated_error(screen)
+    narrow, in_windows = _calibrated_error(screen)
     whole = LeastSquares(screen, problem.in_role("fit"), narrow.model_error)
     rough = WindowLeastSquares(screen, every=2, model_error=narrow.model_error)
-    in_windows = before
     starts = [screen.theta, np.zeros_like(screen.theta)]
     (before,) = on_whole_runs(whole, narrow, [in_windows], thetas=starts, iterations=FIT.iterations)
-    adds_up = in_windows.normalised_residual <= HYPOTHESIS_FITS.enough < before.normalised_residual
-    shortlist, singles = _single_effects(screen, narrow, rough, before, candidates, effects, report, adds_up=adds_up)
+    steps = _TimeSearch(
+        screen=screen, effects=effects, candidates=candidates, narrow=narrow, rough=rough, whole=whole,
+        in_windows=in_windows, before=before, report=report,
+    )  # fmt: skip
+    shortlist, singles = steps.single_effects()
     screen.forget()
     report(0.4, "fitting whole recordings")
-    # at a large residual the uncertain parameters absorb missing physics and are no start for a law
-    plain = [before.long_fit.theta] if before.normalised_residual < SECOND_EFFECT.much else []
-    events = find_permanent_changes(whole, narrow, in_windows.fit, candidates) if adds_up else []
-    told = {h.label for h in events}
-    singles = [h for h in singles if h.label not in told]
-    most = min(SELECTION.whole_singles, hopeful(singles)) + len(events)
-    hypotheses = singles = on_whole_runs(
-        whole,
-        narrow,
-        [*events, *_reward_long_runs(singles, adds_up=adds_up)],
-        most,
-        plain,
-        screened=[*shortlist, *candidates],
-        start=before.long_fit,
-    )
+    hypotheses = singles = steps.singles_on_whole_runs(shortlist, singles)
     enough = problem.model_kind.explained_residual(whole.noise_share, whole.error_share)
     is_odd = bool(singles) and violate_priors(
         singles, whole.directions.shape[1], whole.reduced_model.prior, problem.may_vanish
     )
     if singles and not deadline.is_past and (is_odd or demands_another_effect(before, singles, enough)):
-        among, is_clear = (
-            best_places(candidates, SECOND_EFFECT.second_places),
-            not is_odd and singles[0].normalised_residual <= HYPOTHESIS_FITS.enough,
-        )
-        found = pairs(screen, rough, singles, shortlist, candidates, effects, among, report, is_clear=is_clear)
-        doubles = finished(narrow, found)
-        doubles = by_score(doubles, in_other_forms(narrow, doubles[: SELECTION.reformed], candidates))
-        report(0.85, "fitting whole recordings")
-        doubles = on_whole_runs(whole, narrow, doubles, SELECTION.whole_pairs, plain)
-        alone = ablate_pairs(narrow, doubles[: SELECTION.reformed], singles)
-        hypotheses = by_score(
-            [h for h in singles if h.label not in {a.label for a in alone}],
-            on_whole_runs(whole, narrow, alone, len(alone), plain),
-            doubles,
-        )
+        hypotheses = steps.with_pairs(shortlist, singles, is_odd=is_odd)
     report(0.9, "adding effects")
     least = max(enough, HYPOTHESIS_FITS.enough)
     selection = ForwardSelection(
@@ -161,6 +136,130 @@ def search(
         places=places,
         candidates=tuple(candidates),
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _TimeSearch:
+    """Screening, fits and calibrated model of a search in time.
+
+    Parameters
+    ----------
+    screen : ScoreTest
+        Screening.
+    effects, candidates : sequence
+        Candidate effects, and the screening's candidates by gain.
+    narrow, rough, whole : LeastSquares
+        Fits in all windows, in every second window and to whole runs.
+    in_windows, before : Hypothesis
+        Model calibrated in windows, and on whole runs.
+    report : callable
+        Receives the completed share and the current step.
+    """
+
+    screen: ScoreTest
+    effects: Sequence[Effect]
+    candidates: Sequence[Candidate]
+    narrow: LeastSquares
+    rough: LeastSquares
+    whole: LeastSquares
+    in_windows: Hypothesis
+    before: Hypothesis
+    report: Callable[[float, str], None]
+
+    @property
+    def adds_up(self) -> bool:
+        """Whether missing physics shows in whole runs alone, as with light damping."""
+        return self.in_windows.normalised_residual <= HYPOTHESIS_FITS.enough < self.before.normalised_residual
+
+    @property
+    def calibrated(self) -> list[Array]:
+        """Calibrated parameters as starts of a fit.
+
+        At a large residual the parameters absorb missing physics and are no start for a law.
+        """
+        return [self.before.long_fit.theta] if self.before.normalised_residual < SECOND_EFFECT.much else []
+
+    def single_effects(self) -> tuple[list[Candidate], list[Hypothesis]]:
+        """Return the shortlist and fits of single effects, best first.
+
+        Slow observers and laws related to the best one follow where the screening explains too little.
+        """
+        screen, candidates = self.screen, self.candidates
+        self.report(0.2, "fitting single effects")
+
+        def singles(some: Sequence[Candidate]) -> list[Hypothesis]:
+            return finished(self.narrow, each_fitted(self.rough, some, self.before.fit))
+
+        shortlist = side_by_side(screen.zoomed, shortlisted(candidates))
+        found = singles(shortlist)
+        if self.before.normalised_residual <= HYPOTHESIS_FITS.enough:
+            return shortlist, found
+        if self.adds_up or not (found and found[0].normalised_residual < SELECTION.explains * floor_of(self.narrow)):
+            self.report(0.25, "screening with slower observers")
+            screen.slower = tuple(
+                ScoreTest(screen.problem, screen.runs, trust=t, like=screen)
+                for t in (SCORE_TEST.slow, SELECTION.slowest)
+            )
+            # a fast observer absorbs permanent forces, which a slow one locates elsewhere
+            all_places = {c.label for c in candidates if not c.effect.shapes}
+            among = best_places(candidates, HYPOTHESIS_FITS.places) | all_places
+            for slow in screen.slower:
+                known = {c.label for c in shortlist}
+                slowly = shortlisted(slow.candidates(self.effects, among=among))[: SELECTION.slow_shortlist]
+                shortlist += side_by_side(slow.zoomed, [c for c in slowly if c.label not in known])
+                slow.forget()
+            found = by_score(found, singles(shortlist[len(found) :]))
+        return shortlist, by_score(found, singles(side_by_side(screen.zoomed, related_candidates(candidates, found))))
+
+    def singles_on_whole_runs(self, shortlist: Sequence[Candidate], singles: list[Hypothesis]) -> list[Hypothesis]:
+        """Return permanent changes and the best single effects, fitted to whole runs."""
+        events = (
+            find_permanent_changes(self.whole, self.narrow, self.in_windows.fit, self.candidates)
+            if self.adds_up
+            else []
+        )
+        known = {h.label for h in events}
+        singles = [h for h in singles if h.label not in known]
+        return on_whole_runs(
+            self.whole,
+            self.narrow,
+            [*events, *_reward_long_runs(singles, adds_up=self.adds_up)],
+            min(SELECTION.whole_singles, hopeful(singles)) + len(events),
+            self.calibrated,
+            screened=[*shortlist, *self.candidates],
+            start=self.before.long_fit,
+        )
+
+    def with_pairs(
+        self, shortlist: Sequence[Candidate], singles: list[Hypothesis], *, is_odd: bool
+    ) -> list[Hypothesis]:
+        """Return single effects and pairs by score, all fitted to whole runs.
+
+        Parameters
+        ----------
+        shortlist : sequence of Candidate
+            Fitted candidates.
+        singles : list of Hypothesis
+            Single effects, best first.
+        is_odd : bool
+            Whether the single effects violate the priors.
+        """
+        screen, narrow, candidates = self.screen, self.narrow, self.candidates
+        among = best_places(candidates, SECOND_EFFECT.second_places)
+        is_clear = not is_odd and singles[0].normalised_residual <= HYPOTHESIS_FITS.enough
+        found = pairs(
+            screen, self.rough, singles, shortlist, candidates, self.effects, among, self.report, is_clear=is_clear
+        )
+        doubles = finished(narrow, found)
+        doubles = by_score(doubles, in_other_forms(narrow, doubles[: SELECTION.reformed], candidates))
+        self.report(0.85, "fitting whole recordings")
+        doubles = on_whole_runs(self.whole, narrow, doubles, SELECTION.whole_pairs, self.calibrated)
+        alone = ablate_pairs(narrow, doubles[: SELECTION.reformed], singles)
+        return by_score(
+            [h for h in singles if h.label not in {a.label for a in alone}],
+            on_whole_runs(self.whole, narrow, alone, len(alone), self.calibrated),
+            doubles,
+        )
 
 
 def _calibrated_error(screen: ScoreTest) -> tuple[LeastSquares, Hypothesis]:
@@ -219,63 +318,6 @@ def _reward_long_runs(order: Sequence[Hypothesis], *, adds_up: bool) -> list[Hyp
     ]
     chosen = {h.label for h in first}
     return [*first, *(h for h in order if h.label not in chosen)]
-
-
-def _single_effects(
-    screen: ScoreTest,
-    narrow: LeastSquares,
-    rough: LeastSquares,
-    before: Hypothesis,
-    candidates: Sequence[Candidate],
-    effects: Sequence[Effect],
-    report: Callable[[float, str], None],
-    *,
-    adds_up: bool,
-) -> tuple[list[Candidate], list[Hypothesis]]:
-    """Return the shortlist and fits of single effects, best first.
-
-    Slow observers and laws related to the best one follow where the screening explains too little.
-
-    Parameters
-    ----------
-    screen : ScoreTest
-        Screening.
-    narrow, rough : LeastSquares
-        Fits in all and in some windows.
-    before : Hypothesis
-        Calibrated model.
-    candidates : sequence of Candidate
-        Screening by gain.
-    effects : sequence of Effect
-        Candidate effects.
-    report : callable
-        Receives the completed share and the current step.
-    adds_up : bool
-        Whether missing physics shows in whole runs but not in windows, as with light damping.
-    """
-    report(0.2, "fitting single effects")
-
-    def singles(some: Sequence[Candidate]) -> list[Hypothesis]:
-        return finished(narrow, each_fitted(rough, some, before.fit))
-
-    shortlist = side_by_side(screen.zoomed, shortlisted(candidates))
-    found = singles(shortlist)
-    if before.normalised_residual <= HYPOTHESIS_FITS.enough:
-        return shortlist, found
-    if adds_up or not (found and found[0].normalised_residual < SELECTION.explains * floor_of(narrow)):
-        report(0.25, "screening with slower observers")
-        screen.slower = tuple(
-            ScoreTest(screen.problem, screen.runs, trust=t, like=screen) for t in (SCORE_TEST.slow, SELECTION.slowest)
-        )
-        # a fast observer absorbs permanent forces, which a slow one locates elsewhere
-        among = best_places(candidates, HYPOTHESIS_FITS.places) | {c.label for c in candidates if not c.effect.shapes}
-        for slow in screen.slower:
-            known = {c.label for c in shortlist}
-            slowly = shortlisted(slow.candidates(effects, among=among))[: SELECTION.slow_shortlist]
-            shortlist += side_by_side(slow.zoomed, [c for c in slowly if c.label not in known])
-            slow.forget()
-        found = by_score(found, singles(shortlist[len(found) :]))
-    return shortlist, by_score(found, singles(side_by_side(screen.zoomed, related_candidates(candidates, found))))
 
 
 def _sharpened(screen: ScoreTest, candidates: Sequence[Candidate]) -> list[Candidate]:

@@ -71,9 +71,7 @@ def search_moving(
     shortlist = shortlisted(candidates)
     if before.normalised_residual > HYPOTHESIS_FITS.enough:
         report(0.45, "screening with a slower observer")
-        known = {c.label for c in shortlist}
-        slow = shortlisted(screen.trusting(SCORE_TEST.slow).candidates(effects))[: SELECTION.slow_shortlist]
-        shortlist += [c for c in slow if c.label not in known]
+        shortlist += _seen_by_slow_observer(screen, effects, shortlist)
     screen.forget()
     report(0.5, "fitting single effects")
     hypotheses = singles = finished(narrow, each_fitted(narrow, shortlist, before.fit))
@@ -83,8 +81,8 @@ def search_moving(
         hypotheses = by_score(hypotheses, finished(narrow, everywhere))
     if _leave_much(hypotheses) and not deadline.is_past:
         report(0.65, "fitting pairs of effects")
-        doubles = finished(narrow, _pairs(screen, narrow, shortlist, candidates, singles, effects))
-        hypotheses = by_score(hypotheses, doubles)
+        pairs = _pairs(screen, narrow, shortlist, candidates, singles, effects)
+        hypotheses = by_score(hypotheses, finished(narrow, pairs))
     report(0.85, "fitting whole recordings")
     if hypotheses:  # again about the best hypothesis' calibrated plant, where the uncertain parameters change little
         screen = screen.at(hypotheses[0].fit.theta)
@@ -112,6 +110,15 @@ def search_moving(
         places=places,
         candidates=tuple(candidates),
     )
+
+
+def _seen_by_slow_observer(
+    screen: TrajectoryScoreTest, effects: Sequence[Effect], shortlist: Sequence[Candidate]
+) -> list[Candidate]:
+    """Return the further candidates that a slow observer shortlists."""
+    known = {c.label for c in shortlist}
+    slow = shortlisted(screen.trusting(SCORE_TEST.slow).candidates(effects))[: SELECTION.slow_shortlist]
+    return [c for c in slow if c.label not in known]
 
 
 def _leave_much(hypotheses: Sequence[Hypothesis]) -> bool:

@@ -110,12 +110,13 @@ def _grid(problem: FrequencyProblem, effect: Effect, place: Place, p: Parameter)
         return np.array(_channel_grid(problem, effect, place, p, low, high))
     scales = reference_scales(problem, place)
     if p.unit.startswith("Hz"):
+        below, above = TRIAL_VALUES.beside_band
         if effect.family == "damping":
             return np.array([np.sqrt(low * high)])
         return (
             _frequencies(problem, low, high)
             if by_lines
-            else np.geomspace(0.9 * low, 1.1 * high, TRIAL_VALUES.resonances)
+            else np.geomspace(below * low, above * high, TRIAL_VALUES.resonances)
         )
     if p.unit == "1":
         return np.array(TRIAL_VALUES.shares if is_alone else TRIAL_VALUES.ratios[:1])
@@ -132,7 +133,7 @@ def _grid(problem: FrequencyProblem, effect: Effect, place: Place, p: Parameter)
 def _frequencies(problem: FrequencyProblem, low: float, high: float) -> Array:
     """Return frequencies over the band, with the model's own."""
     own = np.abs(problem.view.omega) / (2 * np.pi)
-    own = own[(own > low) & (own < high)][:8]
+    own = own[(own > low) & (own < high)][: TRIAL_VALUES.own_frequencies]
     return np.unique(np.concatenate([np.geomspace(low, high, TRIAL_VALUES.frequencies), own]).round(9))
 
 
@@ -142,11 +143,13 @@ def _channel_grid(
     if p.unit == "s":
         if effect.family == "sensor-dynamics":
             return [t / (2 * np.pi * low) for t in TRIAL_VALUES.slow_times] + [
-                t / (2 * np.pi * high) for t in TRIAL_VALUES.times[2:]
+                t / (2 * np.pi * high) for t in TRIAL_VALUES.times[TRIAL_VALUES.fast_times :]
             ]
-        return [t / (2 * np.pi * high) for t in (*TRIAL_VALUES.times, *((10.0, 50.0) if "lag" in effect.name else ()))]
+        longer = TRIAL_VALUES.long_lags if "lag" in effect.name else ()
+        return [t / (2 * np.pi * high) for t in (*TRIAL_VALUES.times, *longer)]
     if p.unit == "Hz":
-        return list(np.geomspace(2 * low, 3 * high, 10))
+        first, last, count = TRIAL_VALUES.corners
+        return list(np.geomspace(first * low, last * high, count))
     if effect.picks_up:
         if "command" not in effect.needs:
             return TRIAL_VALUES.picked
@@ -159,12 +162,12 @@ def _channel_grid(
                 ]
             )
         )
-        return [float(size) * s for s in (-3.0, -1.0, -0.3, -0.1, 0.1, 0.3, 1.0, 3.0)]
+        return [float(size) * s for s in TRIAL_VALUES.crosstalk]
     if p.unit == "1":
         return TRIAL_VALUES.gains if len(effect.parameters) == 1 else TRIAL_VALUES.ratios
     if p.grid and not p.reference:
         return p.grid
-    return list(np.geomspace(p.low, p.high, 9))
+    return list(np.geomspace(p.low, p.high, TRIAL_VALUES.any_values))
 
 
 def reference_scales(problem: FrequencyProblem, place: Place) -> Scales:
@@ -184,11 +187,12 @@ def reference_scales(problem: FrequencyProblem, place: Place) -> Scales:
     """
     high = problem.measured_hz[1]
     omega = np.abs(problem.view.omega)
-    near = (omega < 2 * np.pi * 1.5 * high) & (omega > 1e-6)
+    slowest, fastest = TRIAL_VALUES.scale_band
+    near = (omega < 2 * np.pi * fastest * high) & (omega > 1e-6)
     near = near if near.any() else omega > 1e-6
     near = near if near.any() else np.ones(len(omega), dtype=bool)
     moved = np.sum(place.rows**2, axis=0)[near]
-    w = np.maximum(omega[near], 2 * np.pi * 0.1 * high)
+    w = np.maximum(omega[near], 2 * np.pi * slowest * high)
     seen = moved > TRIAL_VALUES.unseen * moved.max()
     moved, w = moved[seen], w[seen]
     return Scales(

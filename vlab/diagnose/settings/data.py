@@ -34,6 +34,20 @@ class CommandLimitSettings:
     at_limit: float = 0.98
     """at_limit [1]: share of the limit from which a command counts as limited, 0 to 1; default untested. Raising it
     counts fewer samples when the limited actuator is identified."""
+    span: tuple[float, float] = (0.5, 1.3)
+    """span [1]: least and largest trial limit over the largest command, above 0; default untested. A wider span costs
+    resolution."""
+    most: float = 1.02
+    """most [1]: largest limit over the largest command that still acts, above 1; default untested. Raising it reports
+    limits that no command reached."""
+    near: float = 0.04
+    """near [1]: relative half-width of the fine search about the best trial limit, above 0; default about one step of the
+    coarse grid. Raising it costs resolution."""
+    fine: int = 17
+    """fine [1]: trial limits of the fine search, at least 3; default untested. Raising it costs one replay per value."""
+    sd: float = 0.0025
+    """sd [1]: relative standard deviation of the limit, above 0; default half a step of the fine search. Raising it
+    reports wider intervals."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,6 +152,12 @@ class NoiseSettings:
     repeated: float = 0.1
     """repeated [1]: largest rms of the difference of two inputs over their rms in a repeat, above 0; default untested.
     Response to the difference is removed, so raising it accepts repeats whose nonlinear response differs."""
+    fewest: int = 64
+    """fewest [samples]: fewest samples of an even channel whose noise is estimated, at least 16; default untested.
+    Raising it leaves more short channels at `least_noise`."""
+    fewest_uneven: int = 16
+    """fewest_uneven [samples]: fewest samples of an uneven channel whose noise is estimated, at least 5; default
+    untested. Raising it leaves more short channels at `least_noise`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,6 +170,14 @@ class QualitySettings:
     most_at_limit: float = 0.9
     """most_at_limit [1]: least share of the flat samples at one value for a sensor limit, 0 to 1; default untested.
     Raising it reports fewer limits."""
+    same_limit: float = 0.99
+    """same_limit [1]: size of a flat top over the largest from which the top is at the limit, 0 to 1; default untested.
+    Raising it reports fewer limits."""
+    over_limit: float = 1.01
+    """over_limit [1]: largest sample over a sensor limit, above 1; default untested. Raising it reports more limits."""
+    reach: float = 1.01
+    """reach [1]: distance over the longer of both sample periods within which a masked sample masks a point of another
+    clock, at least 1; default above rounding. Raising it masks more."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,6 +220,15 @@ class QuantisationSettings:
     fine: int = 16
     """fine [1]: histogram bins per smallest step, at least 2; default untested. Raising it refines the histogram and
     costs memory."""
+    padded: int = 8
+    """padded [1]: length of the zero-padded histogram over its bins, at least 1; default untested. Raising it resolves
+    peaks of the characteristic function better and costs time."""
+    before_peak: tuple[float, float] = (0.3, 0.8)
+    """before_peak [1]: range of the minimum that precedes a peak, as shares of the peak's abscissa, 0 to 1; default
+    untested. A wider range finds lower minima."""
+    refined: int = 81
+    """refined [1]: trial steps about a peak of the characteristic function, at least 3; default untested. Raising it
+    costs time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -261,6 +298,9 @@ class ResponsesSettings:
     gives: float = 0.1
     """gives [1]: share of the driving-point mobility with negative real part above which a response is active, 0 to 1;
     default untested. Raising it reports fewer active responses."""
+    fewest_lines: int = 8
+    """fewest_lines [lines]: fewest lines of a table of responses, at least 3; default untested. Raising it refuses more
+    tables."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,6 +340,12 @@ class RunsSettings:
     """long_preroll [samples]: motion before a window that a law with linear memory receives, and commands that
     hysteresis of an actuator receives, above 0; default untested. Raising it lets lighter oscillators ring, and older
     extremes of a command count, at negligible cost."""
+    band_segment: int = 4096
+    """band_segment [samples]: longest segment of the spectrum for the highest frequency with power, at least 64; default
+    untested. Raising it resolves narrower bands with fewer averages."""
+    over_floor: float = 6.0
+    """over_floor [1]: least power of a line over the noise floor in the highest frequency, above 1; default untested.
+    Raising it lowers the highest frequency of noisy channels."""
 
 
 AMPLITUDE_DEPENDENCE = AmplitudeDependenceSettings()

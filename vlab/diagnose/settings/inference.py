@@ -41,6 +41,20 @@ class FrequencyFitSettings:
     still: float = 1e-4
     """still [1]: relative decrease of the cost below which a fit ends, above 0; default untested. Raising it ends fits
     earlier."""
+    damping: float = 1e-3
+    """damping [1]: first Levenberg-Marquardt damping, above 0; default untested. Raising it begins with smaller steps."""
+    relaxed: float = 0.2
+    """relaxed [1]: factor on the damping after a decrease of the cost, 0 to 1; default untested. Raising it keeps small
+    steps longer."""
+    stiffened: float = 8.0
+    """stiffened [1]: factor on the damping where a step does not decrease the cost, above 1; default untested. Raising it
+    ends fits with fewer evaluations."""
+    damping_range: tuple[float, float] = (1e-9, 1e8)
+    """damping_range [1]: least damping, and the damping at which a fit ends, above 0; default untested. A wider range
+    costs evaluations."""
+    most_step: float = 2.0
+    """most_step [1]: largest step of any coordinate, above 0; default a factor of seven in a logarithm, untested. Raising
+    it risks jumps to distant optima."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,6 +165,26 @@ class FitSettings:
     largest: float = 1e8
     """largest [1]: bound of a normalised residual of a diverged trial, above 1; default untested. Raising it risks
     overflow of squares."""
+    damping: float = 1e-3
+    """damping [1]: first Levenberg-Marquardt damping, above 0; default untested. Raising it begins with smaller steps."""
+    damped: tuple[float, ...] = (1.0, 1e2, 1e5)
+    """damped [1]: factors on the damping of the trial steps, above 0; default untested. A further entry costs one
+    evaluation."""
+    relaxed: float = 0.1
+    """relaxed [1]: factor on the damping after a decrease of the cost, 0 to 1; default untested. Raising it keeps small
+    steps longer."""
+    stiffened: float = 1e4
+    """stiffened [1]: factor on the damping where no step decreases the cost, above 1; default untested. Raising it ends
+    such descents earlier."""
+    damping_range: tuple[float, float] = (1e-8, 1e6)
+    """damping_range [1]: least damping, and the damping above which a descent ends, above 0; default untested. A wider
+    range costs evaluations."""
+    beside: tuple[float, ...] = (1.0, 0.3, 0.05)
+    """beside [1]: shares of a new term's amplitude in the starts beside an earlier fit, 0 to 1; default untested. A
+    further entry costs one evaluation."""
+    least_highest_hz: float = 5e-4
+    """least_highest_hz [Hz]: least highest frequency of a fit, above 0; default for models without stiffness, untested.
+    Raising it integrates slow models in finer steps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,6 +221,9 @@ class ModelChoiceSettings:
     alike: float = 3.0
     """alike [nat]: score difference within which hypotheses are indistinguishable, above 0; default odds of 1 to 20.
     Raising it lists more alternatives."""
+    ranked: int = 6
+    """ranked [1]: hypotheses that share the probability with the best one in the ranking, at least 1; default untested.
+    Raising it lowers every probability."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -258,6 +295,18 @@ class ScoreTestSettings:
     most_rows: int = 60_000
     """most_rows [1]: samples times channels of the screening, above 0; default untested. Raising it costs time and
     memory."""
+    settled: tuple[float, float] = (0.02, 1e-4)
+    """settled [sd and 1]: step of the uncertain parameters that ends the refits, over the prior and absolute, above 0;
+    default untested. Raising it ends the refits earlier."""
+    most_theta: float = 2.0
+    """most_theta [1]: bound of the log factors of uncertain parameters in the screening, above 0; default a factor of
+    seven, untested. Raising it admits more distant models."""
+    least_projection: float = 0.2
+    """least_projection [1]: least estimated amplitude of an effect without amplitudes, in units of its own change, 0 to
+    1; default untested. Raising it screens out more such effects."""
+    least_amplitude: float = 0.02
+    """least_amplitude [1]: least amplitude of an unsigned parameter over its earlier one, 0 to 1; default untested.
+    Raising it keeps vanishing effects larger."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -270,6 +319,9 @@ class SensorOffsetSettings:
     over_error: float = 1.0
     """over_error [1]: least reported offset over the channel's residual rms, above 0; default untested. Raising it
     reports fewer offsets."""
+    least_sd: float = 0.01
+    """least_sd [1]: least standard deviation of a reported offset over the offset, above 0; default untested. Raising it
+    widens the reported intervals."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -345,6 +397,9 @@ class WindowFitSettings:
     whole: int = 3000
     """whole [samples]: run length up to which a run is not divided into windows, above 0; default untested. Slow
     amplitude effects show in whole runs only; raising it fits longer runs undivided."""
+    least_omega: float = 0.1
+    """least_omega [rad/s]: natural frequency above which a mode counts as oscillating for the length of windows, above 0;
+    default untested. Raising it shortens the windows of slow models."""
 
 
 @dataclass(frozen=True, kw_only=True)

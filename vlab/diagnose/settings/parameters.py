@@ -112,6 +112,9 @@ class ModeSelectionSettings:
     lagging: float = 30.0
     """lagging [1]: corner of an overdamped mode over the band up to which the mode is kept, above 1. A lag turns phase
     by 2 degrees at one thirtieth of its corner; raising it keeps faster lags."""
+    above_lowest: float = 1.5
+    """above_lowest [1]: least upper end of the band over the lowest observable natural frequency, above 1; default
+    untested. Raising it keeps more modes of slow recordings."""
 
 
 @dataclass(frozen=True, kw_only=True)

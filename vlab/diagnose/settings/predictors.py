@@ -132,6 +132,18 @@ class KalmanSettings:
     tuning_samples: int = 2500
     """tuning_samples [samples]: first samples of every run for the likelihood of the unknown-force intensity, above 0;
     default untested. Raising it costs time."""
+    start_steps: int = 64
+    """start_steps [samples]: free motion in which every state is compared with the channels for its initial covariance, at
+    least 1; default untested. Raising it tightens the covariance of slow states."""
+    decades: tuple[float, float, float] = (-8.0, 9.0, 1.5)
+    """decades [decades]: first, end and step of the search for the unknown-force intensity about its scale; default
+    untested. A wider search costs evaluations."""
+    finer: tuple[float, float] = (0.75, 0.375)
+    """finer [decades]: half-widths of the two finer searches for the intensity, above 0; default halves of the step.
+    Raising them costs resolution."""
+    converged: float = 1.5
+    """converged [1]: trace of the innovations' covariance over the stationary one below which a filter has converged,
+    above 1; default untested. Raising it uses earlier samples."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,6 +241,12 @@ class StepJacobianSettings:
     untested. Raising it takes fewer substeps."""
     most_substeps: int = 64
     """most_substeps [1]: most substeps of a sample interval, at least 1; default untested. Raising it costs time."""
+    trial_substeps: tuple[int, ...] = (1, 2, 4, 8, 16, 32)
+    """trial_substeps [1]: substeps that are compared with the finest, from 1, rising; default powers of two. A further
+    entry costs one evaluation."""
+    compared: int = 12
+    """compared [1]: intervals of a run on which substeps are compared, at least 1; default untested. Raising it costs
+    time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -247,6 +265,15 @@ class TrajectorySettings:
     unknown: float = 0.3
     """unknown [1]: standard deviation of an unknown initial state over the largest motion of its kind, above 0; default
     untested. Raising it loosens the initial state."""
+    decades: tuple[float, float, float] = (-8.0, 9.0, 1.0)
+    """decades [decades]: first, end and step of the search for the unknown-force intensity about its scale; default
+    untested. A wider search costs evaluations."""
+    finer: tuple[float, ...] = (-0.6, -0.3, 0.0, 0.3, 0.6)
+    """finer [decades]: trial intensities about the best of the search; default untested. A further entry costs one
+    evaluation."""
+    about_earlier: tuple[float, ...] = (-3.0, -2.0, -1.2, -0.8, -0.4, 0.0, 0.4)
+    """about_earlier [decades]: trial intensities about an earlier one, which mostly falls; default untested. A further
+    entry costs one evaluation."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -268,6 +295,33 @@ class TrajectoryDataSettings:
     wide: float = 0.5
     """wide [1]: standard deviation of an unknown initial state of the smoother over the largest motion of its kind,
     above 0; default untested. Raising it loosens the initial state."""
+    smoothing: tuple[float, float] = (-8.0, 4.0)
+    """smoothing [decades]: range of the splines' penalty over the cube of the mean interval; default untested. A wider
+    range costs resolution."""
+    halvings: int = 4
+    """halvings [1]: bisections of the splines' penalty, at least 1; default untested. Raising it brings the residual
+    closer to the noise."""
+    most_noise: float = 1.25
+    """most_noise [1]: largest noise by neighbouring samples over that by the spectrum, at least 1; default the bias of a
+    median over few segments, untested. Raising it weights such channels less."""
+    rates: float = 5.0
+    """rates [1/s]: spread of initial rates over that of positions, above 0; default untested. Raising it loosens the
+    initial state."""
+    accelerations: float = 5.0
+    """accelerations [1]: unknown accelerations of the smoother over the rms velocity per second, above 0; default
+    untested. Raising it follows the channels closer."""
+    measured: float = 0.1
+    """measured [1]: factor on the initial spread of measured positions, 0 to 1; default untested. Raising it loosens the
+    initial state."""
+    floor: float = 0.01
+    """floor [1]: share of a channel's rms added to its noise in the smoother, above 0; default untested. Raising it
+    smooths more."""
+    still: float = 1e-3
+    """still [SI units per second]: rate added to the rms velocity in the smoother, above 0; default untested. Raising it
+    follows slow motion closer."""
+    known_start: float = 1e-8
+    """known_start [SI units squared]: variance of an initial state at rest in the smoother, above 0; default above
+    rounding. Raising it loosens the initial state."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,6 +13,15 @@ class AdviceSettings:
     least_probability: float = 0.001
     """least_probability [1]: smallest probability that is printed as a number, 0 to 1; default untested. Raising it
     prints more bounds."""
+    most_alike: int = 5
+    """most_alike [1]: most hypotheses of an equally small residual that are named, at least 0; default untested. Raising
+    it lengthens the report."""
+    likely_place: float = 0.05
+    """likely_place [1]: posterior of another place from which the place is named, 0 to 1; default untested. Raising it
+    names fewer places."""
+    open_place: float = 0.1
+    """open_place [1]: posterior of a place from which the place is open; two such places call for a sensor between, 0 to
+    1; default untested. Raising it suggests fewer sensors."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +43,12 @@ class DataFindingsSettings:
     beyond: float = 10.0
     """beyond [steps]: extrapolated excess over a limit from which a short limit is a finding, above 0; default
     untested. Raising it reports fewer limits."""
+    amplitude_sd: float = 0.05
+    """amplitude_sd [1]: relative standard deviation of the amplitude of an interference, above 0; default untested.
+    Raising it widens the reported interval."""
+    exact_sd: float = 1e-3
+    """exact_sd [1]: relative standard deviation of the frequency of an interference and of a sensor limit, above 0;
+    default untested. Raising it widens the reported intervals."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +70,12 @@ class FindingsSettings:
     most_alternatives: int = 8
     """most_alternatives [1]: hypotheses in the report besides the chosen one, at least 0; default untested. Raising it
     lengthens the report."""
+    half_width: float = 1.645
+    """half_width [sd]: half the width of a reported interval, above 0; default that of 90 % of a normal distribution.
+    Raising it reports wider intervals than the 90 % that they state."""
+    credible: float = 0.9
+    """credible [1]: posterior of the reported set of places, 0 to 1; default as usual for intervals. Raising it reports
+    more places."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,6 +103,9 @@ class FrequencyVerdictSettings:
     bands: int = 12
     """bands [1]: frequency bands of the reported residual, at least 1; default untested. Raising it refines the report.
     """
+    most_log_odds: float = 20.0
+    """most_log_odds [nat]: bound of the log odds that a note states, above 0; default untested. Raising it states larger
+    odds."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -206,6 +206,18 @@ class ProfileScreeningSettings:
     rescalings: int = 8
     """rescalings [1]: most changes of the amplitude of a finite difference, at least 1; default untested. Raising it
     costs time for laws without effect."""
+    target: float = 0.3
+    """target [1]: change of the residual over the largest allowed one that a rescaled step aims at, 0 to 1; default
+    untested. Raising it exceeds the range more often."""
+    most_shrink: float = 0.1
+    """most_shrink [1]: largest factor on a step that moved the residual too far, 0 to 1; default untested. Raising it
+    needs more rescalings."""
+    after_divergence: float = 1e-3
+    """after_divergence [1]: factor on a step that diverged, 0 to 1; default untested. Raising it needs more rescalings.
+    """
+    most_growth: float = 1e-3
+    """most_growth [1]: least change over the least wanted one in the growth of a step, above 0; default untested. Raising
+    it needs more rescalings."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -382,6 +394,30 @@ class TrialValuesSettings:
     unseen: float = 1e-4
     """unseen [1]: squared motion of a mode at a location over the largest below which the mode is ignored, above 0;
     default untested. Raising it ignores more modes."""
+    own_frequencies: int = 8
+    """own_frequencies [1]: most natural frequencies of the model among the trial resonances, at least 0; default
+    untested. Raising it costs time."""
+    long_lags: tuple[float, ...] = (10.0, 50.0)
+    """long_lags [rad]: further trial lags times the highest frequency, above 0; default untested. A further entry costs
+    one evaluation."""
+    fast_times: int = 2
+    """fast_times [1]: first of `times` for a channel's own dynamics, at least 0; default untested. Raising it tries fewer
+    time constants."""
+    corners: tuple[float, float, int] = (2.0, 3.0, 10)
+    """corners [1]: least trial corner over the lowest frequency, largest over the highest, and their number; default
+    untested. A further value costs one evaluation."""
+    crosstalk: tuple[float, ...] = (-3.0, -1.0, -0.3, -0.1, 0.1, 0.3, 1.0, 3.0)
+    """crosstalk [1]: trial crosstalk of a command over the channel's median response; default untested. A further entry
+    costs one evaluation."""
+    any_values: int = 9
+    """any_values [1]: trial values between the bounds of any other parameter, at least 2; default untested. Raising it
+    costs time."""
+    beside_band: tuple[float, float] = (0.9, 1.1)
+    """beside_band [1]: least and largest trial resonance of an oscillator over the band of a modal table, above 0; default
+    untested. A wider range costs resolution."""
+    scale_band: tuple[float, float] = (0.1, 1.5)
+    """scale_band [1]: frequencies of the modes that give the reference values, over the highest measured one, above 0;
+    slower modes count at the lower end. Default untested; raising it changes all trial values."""
 
 
 ALTERNATIVE_CONVENTIONS = AlternativeConventionsSettings()

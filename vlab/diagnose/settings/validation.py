@@ -25,6 +25,9 @@ class GapSettings:
     lost: float = 1.0
     """lost [1]: residual over a recording's rms from which a model explains nothing, above 0; default the recording
     itself. Raising it accepts models that diverge."""
+    within_noise: float = 1.1
+    """within_noise [1]: residual over the noise up to which no gap is defined, at least 1; default untested. Raising it
+    leaves small gaps undefined."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from scipy.ndimage import median_filter
 
 from vlab.cases.case import Case
 from vlab.diagnose.data.responses import Measured, Modes, Response, read_measured, thinned
-from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.parameters.terms import Fit, with_effects
 from vlab.diagnose.predictors.frequency import State
 from vlab.diagnose.predictors.frequency_model import View, Wires, view_of, wires_of
 from vlab.diagnose.predictors.frequency_modes import ModelModes, model_modes, state_matrix
@@ -23,7 +23,6 @@ from vlab.diagnose.settings import FREQUENCY_VALIDATION, RESPONSES, VALIDATION
 from vlab.diagnose.validation.gap import Distance, block_log_ratios, part_of, total
 from vlab.diagnose.validation.simulation import Ablations
 from vlab.modal.mac import mac
-from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
 from vlab.signals import Array, ComplexArray
 
@@ -86,8 +85,6 @@ def extended_by(problem: FrequencyProblem, fit: Fit) -> ExtendedFrequencyModel:
     ExtendedFrequencyModel
         Extended model.
     """
-    plant = problem.adjusted(fit.theta)
-    effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in fit.terms]
     given = nominal_model(problem.plant, problem.wires)
     sensors, inputs = given.sensor_gain.copy(), given.input_gain.copy()
     for parameter, value in zip(problem.parameters, fit.theta, strict=True):
@@ -96,7 +93,7 @@ def extended_by(problem: FrequencyProblem, fit: Fit) -> ExtendedFrequencyModel:
         if parameter.actuator is not None and parameter.actuator >= len(problem.plant.actuators):
             inputs[parameter.actuator] *= np.exp(value)
     return ExtendedFrequencyModel(
-        plant=attach(plant, effects, channels=problem.names) if effects else plant,
+        plant=with_effects(problem.adjusted(fit.theta), fit.terms, problem.names),
         wires=problem.wires,
         sensor_gain=sensors,
         input_gain=inputs,

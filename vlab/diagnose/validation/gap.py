@@ -27,18 +27,18 @@ class Part:
         Finding.
     left : float
         Relative error of the extended model without the finding.
-    told : float
+    information : float
         Expected log-likelihood ratio of both models if the residual is noise [nat].
     """
 
     name: str
     left: float
-    told: float
+    information: float
 
     @property
     def is_idle(self) -> bool:
         """Whether the finding has no detectable effect on the data."""
-        return self.told < MODEL_CHOICE.alike
+        return self.information < MODEL_CHOICE.alike
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,7 +97,7 @@ class Distance:
         return GAP.lost * rms(np.array([self.spread_of(name) for name in self.channels])) if self.channels else GAP.lost
 
     def spread_of(self, channel: str) -> float:
-        """Return a channel's spread over all recordings, at least that of these data [1]."""
+        """Return a channel's spread over all recordings or these data."""
         return max(self.spread.get(channel, 1.0), 1.0)
 
     @property
@@ -212,7 +212,7 @@ def gap_closed(before: float, after: float, noise: float) -> float | None:
     """
     if not np.isfinite(before):
         return 1.0 if np.isfinite(after) else 0.0
-    if before <= 1.1 * noise:
+    if before <= GAP.within_noise * noise:
         return None
     return float((before - after) / (before - noise)) if np.isfinite(after) else -np.inf
 
@@ -238,7 +238,9 @@ def part_of(name: str, left: float, moved: Array, noise: Array, samples: int) ->
     Part
         Contribution.
     """
-    return Part(name=name, left=left, told=float(0.5 * samples * np.sum((moved / np.maximum(noise, 1e-300)) ** 2)))
+    return Part(
+        name=name, left=left, information=float(0.5 * samples * np.sum((moved / np.maximum(noise, 1e-300)) ** 2))
+    )
 
 
 def verifying(checked: Sequence[D]) -> list[D]:

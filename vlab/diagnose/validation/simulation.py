@@ -15,7 +15,7 @@ from vlab.diagnose.data.mains_interference import MainsInterference
 from vlab.diagnose.data.noise import estimate_noise
 from vlab.diagnose.data.quality import SensorLimit
 from vlab.diagnose.data.quantisation import SensorStep
-from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.parameters.terms import Fit, with_effects
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import VALIDATION
 from vlab.diagnose.validation.checked import Checked
@@ -23,7 +23,6 @@ from vlab.diagnose.validation.gap import block_log_ratios, part_of
 from vlab.diagnose.validation.horizon import can_be_halved, is_predicted, length_of_parts, parts_of, parts_within
 from vlab.errors import BadCase, Diverged
 from vlab.parallel import side_by_side
-from vlab.physics.attach import Attached, attach
 from vlab.plants.base import Plant
 from vlab.recordings.quality import held_samples
 from vlab.signals import Array, Recording, rms, strung_together
@@ -139,14 +138,12 @@ def extended(problem: Problem, fit: Fit, without: Collection[str] = ()) -> Exten
     ExtendedModel
         Extended model.
     """
-    plant = problem.adjusted(fit.theta)
-    effects = [Attached(effect=t.effect, place=t.place.name, values=dict(t.values)) for t in fit.terms]
     gains = np.ones(len(problem.names))
     for parameter, value in zip(problem.parameters, fit.theta, strict=True):
         if parameter.sensor is not None:
             gains[parameter.sensor] *= np.exp(value)
     return ExtendedModel(
-        plant=attach(plant, effects, channels=problem.names) if effects else plant,
+        plant=with_effects(problem.adjusted(fit.theta), fit.terms, problem.names),
         names=problem.names,
         sensor_gain=gains,
         about=problem.about,
@@ -284,7 +281,7 @@ def _simulated(keys: Sequence[SimulationKey]) -> SimulationCache:
 
 
 def spread_over(recordings: Sequence[Run], run: Run) -> dict[str, float]:
-    """Return the standard deviation of every channel over all recordings, relative to one of them.
+    """Return every channel's spread over all recordings, relative to one.
 
     Parameters
     ----------

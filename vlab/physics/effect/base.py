@@ -82,7 +82,7 @@ class Effect(ABC):
 
     @property
     def is_force(self) -> bool:
-        """Whether the effect is a force at a port, not an added impedance."""
+        """Whether the effect is a force, not an added impedance."""
         return self.kind == "port" and not self.is_linear
 
     @property

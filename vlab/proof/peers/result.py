@@ -9,8 +9,6 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.cases.channel_map import Run
-from vlab.cases.simulate import simulate
-from vlab.errors import VlabError
 from vlab.plants.mjcf import MjcfPlant
 from vlab.signals import Array, rms
 
@@ -147,29 +145,3 @@ def error_of(run: Run, simulated: Array) -> float:
 def mean_error(errors: Sequence[float]) -> float:
     """Return the rms of the errors of several recordings."""
     return float(np.sqrt(np.mean(np.square(errors))))
-
-
-def free_run_error(plant: MjcfPlant, runs: Sequence[Run]) -> float:
-    """Return the error of a plant's free run over the channels' rms.
-
-    Parameters
-    ----------
-    plant : MjcfPlant
-        Plant.
-    runs : sequence of Run
-        Recordings.
-
-    Returns
-    -------
-    float
-        Rms over channels and recordings; `MOST_ERROR` for a run that diverges.
-    """
-    errors = []
-    for run in runs:
-        try:
-            recording = simulate(plant, run).recording
-        except VlabError:
-            errors.append(MOST_ERROR)
-            continue
-        errors.append(error_of(run, np.column_stack([recording[name] for name in compared_names(run)])))
-    return mean_error(errors)

@@ -125,7 +125,7 @@ def sparse_regression(case: Case) -> PeerResult:
     error, count = _cross_validated(columns, tables, settings, fit, data[FORMS[0].window_s], channels)
     good = np.flatnonzero(error <= AS_GOOD * error.min())
     form, library, threshold = settings[good[np.lexsort((error[good], count[good]))[0]]]
-    equations = _ensemble(tables[form, library], library, columns, threshold)
+    equations = _ensemble(tables[form, library], threshold)
     errors = []
     for run in holdout:
         states = states_of(run, channels, form.window_s)
@@ -257,7 +257,7 @@ def _free_run_errors(
     return np.array(out)
 
 
-def _ensemble(tables: Sequence[Table], library: Library, columns: Columns, threshold: float) -> Array:
+def _ensemble(tables: Sequence[Table], threshold: float) -> Array:
     """Return the median equations (n_columns, nv) of bootstrap samples."""
     from pysindy import STLSQ, EnsembleOptimizer
 

@@ -100,19 +100,23 @@ def prove_real(
             },
         )
         rows = [_row(case, known.get(case.name), answers[case.name], boxes[case.name]) for case in cases]
-        found = {
-            "schema": SCHEMA,
-            "vlab": vlab.__version__,
-            "engine": engine_digest(),
-            "black_boxes": black_box_digest(),
-            "cases": rows,
-            "counts": counts(rows),
-            "summary": count_sentence(rows),
-        }
+        found = _document(rows)
         write_json(out / RESULT, found)
         with written_whole(out / TABLE) as stream:
             stream.write(markdown(found).encode())
     return found
+
+
+def _document(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    return {
+        "schema": SCHEMA,
+        "vlab": vlab.__version__,
+        "engine": engine_digest(),
+        "black_boxes": black_box_digest(),
+        "cases": rows,
+        "counts": counts(rows),
+        "summary": count_sentence(rows),
+    }
 
 
 def _check_apart(out: Path, cases: Sequence[RealCase]) -> None:

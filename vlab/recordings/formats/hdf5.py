@@ -9,9 +9,8 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from vlab.files.text import one_line
 from vlab.recordings.files import refuse
-from vlab.recordings.formats.variables import Damaged, Variables
+from vlab.recordings.formats.variables import Variables
 from vlab.recordings.isolated import read_isolated
 from vlab.recordings.table import Table
 
@@ -88,11 +87,6 @@ def read_variables(
     answer = read_isolated(
         reader, data, path, library=library, install=install, options={"matlab": False, **(options or {})}
     )
-    found = Variables(notes=list(answer["notes"]), units=dict(answer["units"]))
-    try:
-        for name, value in answer["variables"]:
-            found.add(one_line(name), value)
-    except Damaged as error:
-        raise refuse(path, str(error), fix="the file is damaged; copy or export it again") from error
+    found = Variables.of_answer(answer, path)
     found.meta = answer["meta"] | found.meta
     return found.table(path, columns, blanks)

@@ -1,4 +1,4 @@
-"""Parquet recordings: vlab's native form, and columns of numbers or times of foreign files.
+"""Parquet recordings: vlab's native form, and columns of foreign files.
 
 A run has a ``time`` column [s] and one float64 column a channel. The metadata of each field hold kind, unit, place and
 direction; those of the file hold the format version and the notes. Page checksums do not cover page headers, and a
@@ -9,7 +9,7 @@ import hashlib
 import json
 import zlib
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -143,19 +143,8 @@ def read(
     if rows < 1 or declared > limit:
         raise refuse(path, f"the file declares {rows} rows, {declared} bytes unpacked; 1 to {limit} bytes are read")
     table = file.read(columns=wanted, use_threads=False)
-    found: dict[str, Any] = {}
     zeros = first_times(file, times)
-    for field_name in wanted:
-        column = table.column(field_name)
-        column = to_seconds(column, zeros[field_name]) if field_name in zeros else column
-        for name, values in vectors.elements(field_name, column, refused):
-            if columns is not None and name not in columns:
-                continue
-            numbers = _numbers(values, may_be_blank=name in blanks)
-            if isinstance(numbers, str):
-                refused[name] = numbers
-            else:
-                found[name] = numbers
+    found = _numeric_columns(table, wanted, zeros, refused, columns, blanks)
     missing = next((name for name in columns or () if name not in found and name not in refused), None)
     if missing is not None:
         raise unknown_column(missing, vectors.all_names(file), path, others=_choose(schema, None)[0])
@@ -175,6 +164,35 @@ def read(
         )
     if columns is None and "time" not in found:
         raise refuse(path, "the column 'time' is missing", fix="the file is damaged")
+    return _checked(path, found, schema, metadata, rows)
+
+
+def _numeric_columns(
+    table: Any,
+    wanted: Sequence[str],
+    zeros: Mapping[str, Any],
+    refused: dict[str, str],
+    columns: Sequence[str] | None,
+    blanks: Collection[str],
+) -> dict[str, Any]:
+    """Return the columns of numbers; reasons for the others go to `refused`."""
+    found: dict[str, Any] = {}
+    for field_name in wanted:
+        column = table.column(field_name)
+        column = to_seconds(column, zeros[field_name]) if field_name in zeros else column
+        for name, values in vectors.elements(field_name, column, refused):
+            if columns is not None and name not in columns:
+                continue
+            numbers = _numbers(values, may_be_blank=name in blanks)
+            if isinstance(numbers, str):
+                refused[name] = numbers
+            else:
+                found[name] = numbers
+    return found
+
+
+def _checked(path: Path, found: dict[str, Any], schema: Any, metadata: Mapping[str, str], rows: int) -> Table:
+    """Return a file of vlab with its labels and checked samples."""
     channels = tuple(_channel(schema.field(name), path) for name in found if name != "time")
     if any(schema.field(name).type != pa.float64() for name in found):
         raise refuse(path, "a column of a vlab recording is not of doubles", fix="the file was edited or is damaged")

@@ -14,7 +14,7 @@ DAY_S = 86_400
 
 
 def is_time(kind: Any) -> bool:
-    """Return whether values of an Arrow type are dates with time, or clock times."""
+    """Return whether values of an Arrow type are times."""
     return bool(pa.types.is_timestamp(kind) or pa.types.is_time(kind))
 
 

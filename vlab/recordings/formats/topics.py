@@ -8,8 +8,7 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from vlab.files.text import one_line
-from vlab.recordings.files import refuse
-from vlab.recordings.formats.variables import Damaged, Variables
+from vlab.recordings.formats.variables import Variables
 from vlab.recordings.isolated import read_isolated
 from vlab.recordings.table import Table
 
@@ -46,12 +45,7 @@ def read_topics(reader: str, data: bytes, path: Path, columns: Sequence[str] | N
         The library is missing, or the file is damaged.
     """
     answer = read_isolated(reader, data, path, library="mcap_ros2", install=INSTALL, bytes_per_second=BYTES_PER_SECOND)
-    found = Variables(notes=list(answer["notes"]), units=dict(answer["units"]))
-    try:
-        for name, value in answer["variables"]:
-            found.add(one_line(name), value)
-    except Damaged as error:
-        raise refuse(path, str(error), fix="the file is damaged; copy or export it again") from error
+    found = Variables.of_answer(answer, path)
     aliases = {}
     for topic, joints in answer["names"].items():
         for i, joint in enumerate(joints):

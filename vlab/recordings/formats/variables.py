@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vlab.files.text import one_line
+from vlab.recordings.files import refuse
 from vlab.recordings.table import MAX_COLUMNS, Table, not_finite
 
 _WIDEST = 1000  # columns of one matrix; a wider one is an image or a map
@@ -111,6 +113,35 @@ class Variables:
     gappy: dict[str, NDArray[Any]] = field(default_factory=dict)
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
     aliases: dict[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of_answer(cls, answer: Mapping[str, Any], path: Path) -> "Variables":
+        """Return the variables that an isolated reader found.
+
+        Parameters
+        ----------
+        answer : mapping
+            Answer of `vlab.recordings.isolated.read_isolated`: variables, notes and units.
+        path : Path
+            Path of the file, for messages.
+
+        Returns
+        -------
+        Variables
+            Columns and refusals, without the metadata of the file.
+
+        Raises
+        ------
+        BadRecording
+            The file has too many variables.
+        """
+        found = cls(notes=list(answer["notes"]), units=dict(answer["units"]))
+        try:
+            for name, value in answer["variables"]:
+                found.add(one_line(name), value)
+        except Damaged as error:
+            raise refuse(path, str(error), fix="the file is damaged; copy or export it again") from error
+        return found
 
     def add(self, name: str, value: Any) -> None:
         """Add a value under its name.

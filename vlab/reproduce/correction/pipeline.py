@@ -345,15 +345,7 @@ def correct_by_test(
     structure = load_structure(structure_name)
     fe = build_fe_model(structure, variant)
     keep = measured_coordinates(fe, retained)
-    if isinstance(modes, bool) or not isinstance(modes, int | np.integer) or not 1 <= modes < len(keep):
-        raise BadExperiment(
-            f"{modes} modes for {len(keep)} measured coordinates; accepted: 1 to {len(keep) - 1}, so that something of the "
-            "model is left"
-        )
-    if not (np.isfinite(noise) and 0 <= noise <= 1):
-        raise BadExperiment(f"the noise {noise} is no share of the rms from 0 to 1")
-    if isinstance(periods, bool) or not isinstance(periods, int | np.integer) or periods < 2:
-        raise BadExperiment(f"{periods} periods are too few; at least 2 are needed, the first one to settle")
+    _check_settings(modes, len(keep), noise, periods)
     real = build_fe_model(vary_structure(structure, spread, seed), variant)
     reductions = {name: reduce(fe.linear, keep) for name, reduce in REDUCTIONS.items()}
     band = (MARGIN[0] * float(fe.linear.freq[0]), MARGIN[1] * float(fe.linear.freq[len(keep) - 1]))
@@ -376,6 +368,18 @@ def correct_by_test(
     )
 
 
+def _check_settings(modes: int, n_coordinates: int, noise: float, periods: int) -> None:
+    if isinstance(modes, bool) or not isinstance(modes, int | np.integer) or not 1 <= modes < n_coordinates:
+        raise BadExperiment(
+            f"{modes} modes for {n_coordinates} measured coordinates; accepted: 1 to {n_coordinates - 1}, so that something of the "
+            "model is left"
+        )
+    if not (np.isfinite(noise) and 0 <= noise <= 1):
+        raise BadExperiment(f"the noise {noise} is no share of the rms from 0 to 1")
+    if isinstance(periods, bool) or not isinstance(periods, int | np.integer) or periods < 2:
+        raise BadExperiment(f"{periods} periods are too few; at least 2 are needed, the first one to settle")
+
+
 def _checked_seed(seed: int) -> int:
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise BadExperiment(f"the seed {seed} is no whole number from 0")
@@ -392,7 +396,7 @@ def _tested(
     periods: int,
     progress: Callable[[float], None] | None,
 ) -> ModalTestResult:
-    """Excite the structure on the bench, with level and noise from the model."""
+    """Excite the structure, with level and noise from the model."""
     structure = fe.structure
     phases, samples = (int(number) for number in np.random.default_rng([seed, 1]).integers(2**32, size=2))
     hardware = load_hardware().at_rate(RATE)

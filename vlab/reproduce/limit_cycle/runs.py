@@ -195,7 +195,7 @@ def histories(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> list[History]:
-    """Return time histories of the nominal loop and of a growing cable mode.
+    """Return histories of the nominal loop and of a growing mode.
 
     The upper cable is solid wire as in the structure file, with the damping of steel wire. Nothing is tuned to 41 Hz.
     One run starts at rest, another after a release of 1 N, as after additional excitation.

@@ -79,7 +79,7 @@ def cable_candidate(
     words: str,
     modes: int = 1,
 ) -> tuple[Candidate, FeModel]:
-    """Return the candidate of a cable's first own mode, and its FE model.
+    """Return the candidate of a cable's first mode, and its FE model.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def delay_to_grow(loop: SampledLoop, mode: int, *, step: float = 0.05) -> float 
 
 
 def crossings_by_delay(loop: SampledLoop, *, step: float = 0.05) -> list[dict[str, Any]]:
-    """Return the delay of first growth of each mode up to 100 Hz.
+    """Return each mode's delay of first growth, up to 100 Hz.
 
     Parameters
     ----------

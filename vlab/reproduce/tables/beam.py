@@ -22,7 +22,7 @@ TABLE_9_LQG = np.where(np.arange(6) == 3, 0.035, TABLE_9)
 
 
 def gains(study: Study) -> ReproducedTable:
-    """Return Table 7: printed gains as applied by the law in the loop.
+    """Return Table 7: printed gains as the law applies them.
 
     The check covers units and channel order.
 

@@ -1,4 +1,4 @@
-"""Control designs on the hanging grid: Tables 12, 13 and 16 to 18.
+"""Control designs on the hanging grid: Tables 12, 13, 16-18.
 
 Direct rate feedback has the printed gains. The corrected model needs measured shapes, which the print does not
 determine. Its columns use identified shapes and decide nothing.

@@ -1,4 +1,4 @@
-"""Repeated designs of direct rate feedback: optima of Tables 7, 11 and 15.
+"""Repeated designs of direct rate feedback: Tables 7, 11 and 15.
 
 The objective at the optimum is well determined. The gains are determined at a sharp optimum, as for MFDRF on the
 beam. At a flat one, matrices within 0.4 % of the optimum differ by a factor of two in an entry. Such gains are not

@@ -1,11 +1,11 @@
 """Figures with units on every axis, as functions of data."""
 
+from vlab.views.figures.mode_difference import mode_difference_figure
 from vlab.views.figures.modes import (
     bar_curve,
     frequencies_figure,
     is_upright,
     mac_figure,
-    mode_difference_figure,
     mode_shapes_figure,
 )
 from vlab.views.figures.nyquist import nyquist_figure

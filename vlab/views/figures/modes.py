@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -140,182 +139,21 @@ def mode_shapes_figure(
     return figure
 
 
-@styled
-def mode_difference_figure(
-    structure: Structure,
-    left: ModalModel,
-    right: ModalModel,
-    mode: int,
-    *,
-    labels: tuple[str, str] = ("experimental", "analytical"),
-) -> Figure:
-    """Draw one mode of two models and their difference.
-
-    The figures are those of the dissertation. Axonometric drawings show the left model below on the left, the right
-    model below on the right, and left minus right above. Both shapes have a unit largest deflection over their common
-    points, and the closest signs.
+def at_points(structure: Structure, model: ModalModel) -> ModalModel:
+    """Return the real modal model at points of the structure.
 
     Parameters
     ----------
     structure : Structure
         Structure.
-    left, right : ModalModel
-        Shapes at points of the structure; the left model is paired with the right by MAC.
-    mode : int
-        Number of the mode in `right`, from 1 as printed.
-    labels : (str, str)
-        Names of the left and the right model.
+    model : ModalModel
+        Shapes, real or complex, at coordinates such as ``v:base``.
 
     Returns
     -------
-    Figure
-        Figure.
+    ModalModel
+        Shapes at the named points; rotations are left out.
     """
-    count = right.freq.size
-    if not 1 <= mode <= count:
-        raise BadRecording(f"there is no mode {mode} on the right; it has the modes 1 to {count}")
-    a, b = _at_points(structure, left), _at_points(structure, right)
-    pairing = match_modes(a, b)
-    partner = dict(zip(pairing.b.tolist(), range(len(pairing.b)), strict=True)).get(mode - 1)
-    if partner is None:
-        raise BadRecording(f"mode {mode} on the right has no partner among the {left.freq.size} modes on the left")
-    column = int(pairing.a[partner])
-    names = pairing.coordinates
-    analytical = _unit_maximum(np.array([b.shapes[b.coordinates.index(n), mode - 1] for n in names]))
-    experimental = _unit_maximum(np.array([a.shapes[a.coordinates.index(n), column] for n in names]))
-    if experimental @ analytical < 0:
-        experimental = -experimental
-    difference = experimental - analytical
-    worst = int(np.abs(difference).argmax())
-    titles = (
-        f"{_cut(labels[0])}\nmode {column + 1}, {left.freq[column]:.3f} Hz",
-        f"{_cut(labels[1])}\nmode {mode}, {right.freq[mode - 1]:.3f} Hz",
-        f"difference, left minus right\nlargest {abs(difference[worst]):.3f}"
-        + (f" at {_cut(names[worst], 16)}" if difference[worst] else "")
-        + f", MAC {pairing.mac[partner]:.4f}",
-    )
-    drawing = _Axonometry(structure)
-    panels = [drawing.lines(names, shape) for shape in (experimental, analytical, difference)]
-    drawn = [drawing.project(drawing.at, y) for y in (-0.5, 0.0, 0.5)] + [l for lines in panels for l in lines.curves]
-    across, up = (np.concatenate([line[k] for line in drawn]) for k in (0, 1))
-    margin = 0.03 * max(np.ptp(across), np.ptp(up))
-    box = (across.min() - margin, across.max() + margin, up.min() - margin, up.max() + margin)
-    inch = min(3.5 / (box[1] - box[0]), 3.3 / (box[3] - box[2]))  # inches per metre on paper, equal in every panel
-    wide, high = inch * (box[1] - box[0]), inch * (box[3] - box[2])
-    head, caption, gap = 0.42, 0.30, 0.12
-    width = max(2 * wide + gap, wide + 4.0, 7.2)
-    height = 2 * (high + head) + 2 * caption + gap
-    figure = Figure(figsize=(width, height))
-
-    def panel(x: float, y: float, w: float, h: float) -> Any:
-        axes = figure.add_axes((x / width, y / height, w / width, h / height))
-        axes.set_axis_off()
-        return axes
-
-    lower, upper = caption, caption + high + head + gap
-    quarter = (width - 2 * wide) / 4
-    places = ((quarter, lower), (width - quarter - wide, lower), ((width - wide) / 2, upper))
-    for k, (lines, title, (x, y)) in enumerate(zip(panels, titles, places, strict=True)):
-        axes = panel(x, y, wide, high)
-        colour, marker = COLOURS[(1, 0, 2)[k]], MARKERS[(0, 1, 2)[k]]
-        for line in drawing.bars:
-            axes.plot(*line, color=GREY, lw=0.9, linestyle=(0, (4, 1.5)), label="undeformed")
-        for line in lines.ties:
-            axes.plot(*line, color=GREY, lw=0.5, label="tie")
-        for line in lines.curves[:-1]:
-            axes.plot(*line, color=colour, lw=1.7, label="shape")
-        axes.plot(*lines.curves[-1], marker, color=colour, markersize=3.2, label="points")
-        axes.set_title(as_text(title), pad=3.0)
-        axes.set(xlim=box[:2], ylim=box[2:])
-    heading = f"{_cut(structure.title or structure.name, 60)}, mode {mode}"
-    figure.text(0.5, 1 - 0.07 / height, as_text(heading), ha="center", va="top", fontsize=10, weight="bold")
-    key = panel(0.1, upper + high - 1.05, 1.6, 1.4)
-    key.set(xlim=(-0.45 / inch, 1.15 / inch), ylim=(-0.45 / inch, 0.95 / inch))
-    drawing.draw_key(key, inch)
-    note = "one scale for all panels; deflection y relative to the largest of each shape [-]; undeformed: grey, dashed"
-    figure.text(0.5, 0.08 / height, note, ha="center", va="bottom", fontsize=8)
-    return figure
-
-
-@dataclass(frozen=True)
-class _Lines:
-    """Lines of one drawn shape."""
-
-    curves: list[tuple[Array, Array]]
-    ties: list[tuple[Array, Array]]
-
-
-class _Axonometry:
-    """Axonometric view of a structure.
-
-    Deflections cross level, upright and diagonal bars at a wide angle.
-    """
-
-    X = np.array([np.cos(np.radians(-12.0)), np.sin(np.radians(-12.0))]) * 0.9
-    Y = np.array([np.cos(np.radians(35.0)), np.sin(np.radians(35.0))])
-    Z = np.array([0.0, 1.0])
-    SHARE = 0.12
-    """SHARE [-]: length of the largest deflection over the size of the structure."""
-
-    def __init__(self, structure: Structure) -> None:
-        self.structure = structure
-        self.at = np.array([structure.position(p.name) for p in structure.point])
-        self.size = float(np.hypot(*np.ptp(self.at, axis=0))) or 1.0
-        ends = [np.array([structure.position(name) for name in bar.points]) for bar in structure.bar]
-        self.bars = [self.project(points, 0.0) for points in ends]
-
-    def project(self, xz: Array, y: Any) -> tuple[Array, Array]:
-        """Return positions on paper of deflected points [m]."""
-        offset = np.broadcast_to(np.asarray(y, dtype=float) * self.SHARE * self.size, len(xz))
-        paper = xz[:, :1] * self.X + xz[:, 1:] * self.Z + offset[:, None] * self.Y
-        return paper[:, 0], paper[:, 1]
-
-    def lines(self, names: Sequence[str], shape: Array) -> _Lines:
-        """Return splines and points of a shape."""
-        value = dict(zip(names, shape.tolist(), strict=True))
-        curves = []
-        for bar in self.structure.bar:
-            points = [p for p in bar.points if p in value]
-            if len(points) > 1:
-                xz, matrix = bar_curve(self.structure, bar, points)
-                curves.append(self.project(xz, matrix @ np.array([value[p] for p in points])))
-        at = np.array([self.structure.position(name) for name in names])
-        rest, moved = self.project(at, 0.0), self.project(at, shape)
-        ties = [(np.array([x, u]), np.array([y, v])) for x, y, u, v in zip(*rest, *moved, strict=True)]
-        return _Lines([*curves, moved], ties)
-
-    def draw_key(self, axes: Any, inch: float) -> None:
-        """Draw the directions with their scales."""
-        length = next((n for n in _ROUND if n * inch * 0.9 >= 0.35), _ROUND[-1])
-        arrows = (
-            (length * self.X, f"x, {length:g} m", ("left", "top")),
-            (self.SHARE * self.size * self.Y, "deflection y, 1 [-]", ("left", "center")),
-            (length * self.Z, f"z, {length:g} m", ("center", "bottom")),
-        )
-        for tip, text, (ha, va) in arrows:
-            axes.annotate(
-                "", tip, (0, 0), arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 0.9, "shrinkA": 0, "shrinkB": 0}
-            )
-            axes.text(*(tip * 1.06), text, ha=ha, va=va, fontsize=8)
-
-
-_ROUND = tuple(m * 10.0**e for e in range(-4, 4) for m in (1, 2, 5))
-
-
-def _unit_maximum(shape: Array) -> Array:
-    """Scale a shape to a largest deflection of 1."""
-    size = np.abs(shape)
-    largest = size.max()
-    return shape / np.copysign(largest, shape[np.flatnonzero(size >= largest * (1 - 1e-6))[0]])
-
-
-def _cut(text: str, limit: int = 40) -> str:
-    """Return a text shortened to the width of a panel."""
-    return text if len(text) <= limit else text[: limit - 1] + "…"
-
-
-def _at_points(structure: Structure, model: ModalModel) -> ModalModel:
-    """Return the real modal model at points of the structure."""
     names = {name: i for i, c in enumerate(model.coordinates) if (name := _point(structure, c))}
     shapes = np.array([[_real(column)[i] for column in model.shapes.T] for i in names.values()])
     shapes = shapes.reshape(len(names), model.freq.size)
@@ -336,7 +174,7 @@ def _real(shape: NDArray[Any]) -> Array:
 
 def _partners(structure: Structure, first: ModalModel, second: ModalModel) -> dict[int, tuple[int, dict[str, float]]]:
     """Return paired columns and shapes of the second model."""
-    first, second = _at_points(structure, first), _at_points(structure, second)
+    first, second = at_points(structure, first), at_points(structure, second)
     common = [name for name in first.coordinates if name in second.coordinates]
     out = {}
     pairing = match_modes(first, second)
