@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.parameters.discrete import discretise
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.observation import ChannelRows
-from vlab.diagnose.parameters.reduced_model import discretise
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors import integration as marching
 from vlab.diagnose.predictors.integration import _remember, acting_order, integrate

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from vlab.cases import load_case
 from vlab.diagnose.inference.score_test import ScoreTest
-from vlab.diagnose.parameters.reduced_model import Discrete
+from vlab.diagnose.parameters.discrete import Discrete
 from vlab.diagnose.predictors.kalman import filter_gains, run_filter
 from vlab.diagnose.predictors.modal_problem import prepare
 

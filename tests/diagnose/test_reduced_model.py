@@ -8,11 +8,11 @@ from rigs import oscillator_case
 from scipy import linalg
 
 from vlab.cases import load_case, simulate
+from vlab.diagnose.parameters.discrete import discretise
 from vlab.diagnose.parameters.mjcf import adjusted
 from vlab.diagnose.parameters.mode_selection import as_stepped
 from vlab.diagnose.parameters.observation import channel_rows
 from vlab.diagnose.parameters.recorded_runs import read_runs
-from vlab.diagnose.parameters.reduced_model import discretise
 from vlab.diagnose.parameters.structure import adjusted_structure
 from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.problem import model_kind_of

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from vlab.diagnose.parameters.discrete import discretise
 from vlab.diagnose.parameters.observation import ChannelRows
-from vlab.diagnose.parameters.reduced_model import discretise
 from vlab.diagnose.predictors.innovations import Cause, Group, convolved, impulses_of, middles
 from vlab.diagnose.predictors.kalman import FilterGains, filter_gains, run_filter
 from vlab.diagnose.predictors.unit_effects import commands_changed, port_series, unit_amplitudes

@@ -13,7 +13,7 @@ from vlab.fe.reduced import build_reduced_model
 from vlab.reproduce.cross_check import NEAR, cross_check
 from vlab.reproduce.tables.registry import reproduce_tables
 from vlab.structure import load_structure
-from vlab.structure.model import Reduction
+from vlab.structure.discretisation import Reduction
 
 
 @pytest.mark.slow

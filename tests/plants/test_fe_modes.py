@@ -13,7 +13,8 @@ from vlab.fe.damping import driven_modes
 from vlab.plants import build_plant
 from vlab.plants.tendon_points import fe_element_ports
 from vlab.structure import load_structure
-from vlab.structure.model import Span, Tuning
+from vlab.structure.discretisation import Tuning
+from vlab.structure.model import Span
 
 COUNT = 7
 SHIFT = (2e-3, 0.0, -1e-3)

@@ -13,7 +13,7 @@ from vlab.fe.damping import driven_modes
 from vlab.modal.mac import mac
 from vlab.plants import build_plant
 from vlab.structure import load_structure
-from vlab.structure.model import Tuning
+from vlab.structure.discretisation import Tuning
 
 FACTORS = (1.01, 0.99, 1.003, 1.0, 1.02)
 

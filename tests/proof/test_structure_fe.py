@@ -20,7 +20,8 @@ from vlab.proof.generator.plan import plan
 from vlab.proof.generator.structure_fe import Variation, assemble
 from vlab.proof.suites import OWN_FE, SHARED_FE, SOURCES, drawn_suites
 from vlab.structure import load_structure
-from vlab.structure.model import Bar, Coil, Damping, Mass, Point, Section, Structure, Support, Variant
+from vlab.structure.discretisation import Variant
+from vlab.structure.model import Bar, Coil, Damping, Mass, Point, Section, Structure, Support
 
 NOTHING = Variation({})
 

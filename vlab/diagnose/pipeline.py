@@ -325,7 +325,7 @@ class _Pass:
         confirmed = confirmation.confirm(found)
         fit_before, fit = confirmed.before, with_whole_gains(confirmed.after, problem.parameters, problem.plant)
         known = [offset.channel for offset in searched.static_offsets]
-        seen = replace(searched.seen, zeros=find_sensor_offsets(problem, fit, known))
+        seen = replace(searched.seen, offsets=find_sensor_offsets(problem, fit, known))
         before = extended(problem, fit_before, wrong_offsets(problem, fit, seen))
         after, without = (seen.on(extended(problem, own)) for own in (fit, fit_before))
         if seen.is_missing and fit.terms:

@@ -15,7 +15,8 @@ from vlab.fe.one_mode import OneModeBar, one_mode_bar
 from vlab.fe.second_order import SecondOrderModel
 from vlab.fe.statics import HangingLine, cable_tensions, hanging_lines
 from vlab.signals import Array
-from vlab.structure.model import Structure, Variant
+from vlab.structure.discretisation import Variant
+from vlab.structure.model import Structure
 
 _MOTIONS = ("v", "rx", "rz")
 """Motions of a node: deflection along y, rotation about x, rotation about z."""

@@ -3,7 +3,8 @@
 import numpy as np
 
 from vlab.signals import Array
-from vlab.structure.model import Damping, Tuning
+from vlab.structure.discretisation import Tuning
+from vlab.structure.model import Damping
 
 SILENT = 1e-6
 """SILENT [1]: share of the largest mode's motion at the coils below which a mode cannot be driven, and was not

@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vlab.structure.model import Bar, Section, Structure, Variant
+from vlab.structure.discretisation import Variant
+from vlab.structure.model import Bar, Section, Structure
 
 
 @dataclass(frozen=True)

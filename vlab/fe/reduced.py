@@ -11,7 +11,7 @@ from vlab.fe.model import FeModel
 from vlab.fe.reduction import Reduction, exact_reduction, guyan_reduction
 from vlab.fe.second_order import SecondOrderModel
 from vlab.signals import Array
-from vlab.structure.model import Reduction as Retained
+from vlab.structure.discretisation import Reduction as Retained
 from vlab.structure.model import Structure
 
 MODELS = ("full", "exact", "guyan", "corrected-guyan")

@@ -136,7 +136,7 @@ def _additional_mass(structure: Structure, bar: Bar, a: str, b: str) -> float:
 
 
 def _deviations(structure: Structure, bar: Bar) -> list[tuple[float, float, float]]:
-    """Return the heights of both ends of every deviating span [m], with its additional mass per length [kg/m]."""
+    """Return heights [m] and additional mass per length [kg/m] of spans."""
     own, out = structure.section[bar.section].mass_per_length, []
     for a, b in pairwise(bar.points):
         more = structure.section_between(bar, a, b).mass_per_length - own

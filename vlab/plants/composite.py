@@ -224,7 +224,7 @@ class _Builder:
                 self._set_inertia(body, parts)
 
     def _pieces(self, bar: Bar, points: dict[str, float]) -> list[tuple[float, float, Section]]:
-        """Return the distances of both ends of every piece of one section, from the clamp on."""
+        """Return where every section begins and ends, from the clamp on."""
         if all(span.bar != bar.name for span in self.structure.span):
             return [(0.0, np.inf, self.structure.section[bar.section])]
         stops = [(0.0, self.clamp.at), *sorted((distance, point) for point, distance in points.items())]

@@ -22,7 +22,8 @@ from vlab.plants.base import ActuatorTap, Plant, Port, SensorTap, named_sensors
 from vlab.plants.element_ports import constant_port
 from vlab.plants.tendon_points import fe_element_ports
 from vlab.signals import Array
-from vlab.structure.model import Structure, Tuning
+from vlab.structure.discretisation import Tuning
+from vlab.structure.model import Structure
 
 CLOSE = 1.15
 """CLOSE [1]: frequency ratio below which a coarse mesh may rotate two modes into each other."""

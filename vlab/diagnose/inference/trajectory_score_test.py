@@ -14,9 +14,9 @@ import numpy as np
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.inference.screening_cache import ScreeningCache
+from vlab.diagnose.parameters.discrete import Discrete
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import Uncertain
-from vlab.diagnose.parameters.reduced_model import Discrete
 from vlab.diagnose.predictors.error_growth import parts_within_growth
 from vlab.diagnose.predictors.held_commands import changed_in_parts, over_intervals, parts_of_interval
 from vlab.diagnose.predictors.innovations import Cause, Group

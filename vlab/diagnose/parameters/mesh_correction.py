@@ -10,7 +10,8 @@ from vlab.diagnose.settings import MESH_CORRECTION
 from vlab.fe import build_fe_model
 from vlab.fe.damping import driven_modes
 from vlab.plants.build import build_plant
-from vlab.structure.model import Structure, Tuning
+from vlab.structure.discretisation import Tuning
+from vlab.structure.model import Structure
 
 PHYSICAL = "composite"
 """Name of the plant with the coarse mesh."""

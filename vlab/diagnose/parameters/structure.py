@@ -16,7 +16,8 @@ from vlab.errors import unknown_name
 from vlab.plants.base import Plant, named_sensors
 from vlab.plants.build import build_plant
 from vlab.signals import Array
-from vlab.structure.model import Span, Structure, Tuning
+from vlab.structure.discretisation import Tuning
+from vlab.structure.model import Span, Structure
 
 Edit = Callable[[Structure, float], Structure]
 """Function of a structure and a factor, or of a structure and a sensor shift [m]."""

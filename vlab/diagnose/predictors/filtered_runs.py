@@ -5,8 +5,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.parameters.discrete import discretise
 from vlab.diagnose.parameters.locations import Place
-from vlab.diagnose.parameters.reduced_model import ReducedModel, discretise
+from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.predictors.innovations import Group, impulses_of, middles
 from vlab.diagnose.predictors.kalman import FilterGains, filter_gains, run_filter, stack_runs, start_covariance, tune
 from vlab.diagnose.settings import KALMAN

@@ -8,7 +8,8 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.kernels.recursion import states_of
-from vlab.diagnose.parameters.reduced_model import Discrete, ReducedModel
+from vlab.diagnose.parameters.discrete import Discrete
+from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.predictors.kalman import FilterGains, Smoothed
 from vlab.diagnose.settings import INNOVATIONS
 from vlab.signals import Array

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from vlab.diagnose.data.runs import Signals
-from vlab.diagnose.parameters.reduced_model import Discrete
+from vlab.diagnose.parameters.discrete import Discrete
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.modal_integration import LoopLaw, Marched, integrate_modes
 from vlab.diagnose.predictors.residual_flexibility import StartLaw

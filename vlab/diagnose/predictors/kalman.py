@@ -22,7 +22,8 @@ import numpy as np
 from vlab.compilation import compiled
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.kernels.recursion import states_of
-from vlab.diagnose.parameters.reduced_model import Discrete, ReducedModel, discretise
+from vlab.diagnose.parameters.discrete import Discrete, discretise
+from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.settings import KALMAN
 from vlab.signals import Array
 

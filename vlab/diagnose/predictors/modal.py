@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from vlab.diagnose.data.runs import Signals
-from vlab.diagnose.parameters.reduced_model import ReducedModel, discretise
+from vlab.diagnose.parameters.discrete import discretise
+from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.integration import acting_order, integrate, law_at_start
 from vlab.diagnose.predictors.residual_flexibility import StartLaw, StaticStart, residual_vectors

@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 
 from vlab.diagnose.kernels.recursion import states_of
+from vlab.diagnose.parameters.discrete import discretise
 from vlab.diagnose.parameters.observation import ChannelRows
-from vlab.diagnose.parameters.reduced_model import discretise
 from vlab.diagnose.predictors.kalman import smoothed_states
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import OWN_NONLINEARITY

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
-from vlab.diagnose.parameters.reduced_model import discretise
+from vlab.diagnose.parameters.discrete import discretise
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.pipeline import Diagnosed
 from vlab.diagnose.predictors.innovations import Group
