@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from threadpoolctl import threadpool_limits
+
 T = TypeVar("T")
 S = TypeVar("S")
 
@@ -18,7 +20,9 @@ _most: int | None = None
 
 @contextmanager
 def limited_to(jobs: int | None) -> Iterator[None]:
-    """Limit the processes of a block.
+    """Limit the processes of a block, and its linear algebra to one thread.
+
+    The matrices are small. Their threads would wait for each other, and sums would depend on the number of cores.
 
     Parameters
     ----------
@@ -33,7 +37,8 @@ def limited_to(jobs: int | None) -> Iterator[None]:
     global _most
     before, _most = _most, jobs
     try:
-        yield
+        with threadpool_limits(1, user_api="blas"):
+            yield
     finally:
         _most = before
 

@@ -54,6 +54,11 @@ class Hypothesis:
         return float(-self.effective_samples * self.log_rms_residual - self.negative_log_prior - self.complexity)
 
     @property
+    def likelihood(self) -> float:
+        """Approximate log evidence without the prior of the parameters [nat]."""
+        return self.score + self.negative_log_prior
+
+    @property
     def complexity(self) -> float:
         """Log cost of the effects' parameters [nat]."""
         return cost_of_parameters([p for t in self.terms for p in t.effect.parameters], self.effective_samples)

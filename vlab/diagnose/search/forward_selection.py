@@ -76,7 +76,8 @@ class ForwardSelection:
             out += in_all_joints(self.candidates, self.fitted, self.before.long_fit)
         best = by_score([*out, self.before])[0]
         # the uncertain parameters absorb what else is missing, so their prior says little about the law
-        one_law = sorted((h for h in out if h.is_one_law), key=lambda h: -(h.score + h.negative_log_prior))[:1]
+        laws = [h for h in out if h.is_one_law and h.likelihood > self.before.likelihood]
+        one_law = sorted(laws, key=lambda h: -h.likelihood)[:1]
         for start in [best] if best.is_one_law else [*one_law, self.before]:
             out = self._from(start, out)
         best = by_score([*out, self.before])[0]
