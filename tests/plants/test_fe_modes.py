@@ -14,7 +14,7 @@ from vlab.plants import build_plant
 from vlab.plants.tendon_points import fe_element_ports
 from vlab.structure import load_structure
 from vlab.structure.discretisation import Tuning
-from vlab.structure.model import Span
+from vlab.structure.model import Damping, Span
 
 COUNT = 7
 SHIFT = (2e-3, 0.0, -1e-3)
@@ -167,3 +167,23 @@ def test_every_plant_has_the_deviations_of_its_spans(beam):
 def test_a_span_names_a_bar_and_neighbouring_points(beam, bar, between, known):
     with pytest.raises(UnknownName, match=known):
         dataclasses.replace(beam, span=(Span(name="soft", bar=bar, between=between),))
+
+
+def test_a_deviating_arm_leaves_every_measured_mode_its_ratio(beam):
+    """Arms in opposition are silent on the even beam; they couple to two measured modes within a tenth of a hertz."""
+    ratios = (0.001, 0.002, 0.003, 0.004, 0.005, 0.006)
+    even = dataclasses.replace(beam, damping=Damping(ratios=ratios, higher=0.0005))
+    span = Span(name="left", bar="crosspiece", between=("tip-left", "20in"), stiffness=0.99)
+    deviant = dataclasses.replace(even, span=(span,))
+    for structure, driven in ((even, 6), (deviant, 7)):
+        fe = build_fe_model(structure, "physical")
+        motion = np.abs(fe.coils.T @ fe.linear.eigen[1]).max(axis=0)
+        assert np.sum(motion[:7] > 1e-3 * motion.max()) == driven
+        assert fe.measured[:6].tolist() == [0, 1, 3, 4, 5, 6]
+        assert fe.linear.zeta[fe.measured[:6]] == pytest.approx(ratios)
+        assert fe.linear.zeta[2] == pytest.approx(0.0005)
+        for tuning in (None, Tuning(of_fe=COUNT)):
+            plant = build_plant(dataclasses.replace(structure, tuning=tuning), "composite", "physical")
+            seen = np.abs(plant.port_rows(fe.points) @ plant.linearise().eigen[1]).max(axis=0) > 1e-3
+            zeta = plant.linearise().zeta[seen][:7]
+            assert zeta == pytest.approx([*ratios[:2], 0.0005, *ratios[2:]], rel=0.02)

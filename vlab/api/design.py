@@ -31,7 +31,6 @@ from vlab.design.state_model import StateModel, state_model
 from vlab.design.weights import weights_of
 from vlab.errors import BadDesign, unknown_name
 from vlab.fe.assembly import build_fe_model
-from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
 from vlab.fe.reduced import build_reduced_model
 from vlab.files.arguments import checked
@@ -369,7 +368,7 @@ def _loop_figures(fe: FeModel, loop: SampledLoop, title: str, asked: Asked) -> C
 
 def _shown(fe: FeModel, asked: Asked) -> tuple[int, ...]:
     """Return the reported modes."""
-    driven = len(driven_modes(fe.coils.T @ fe.linear.eigen[1]))
+    driven = len(fe.measured)
     return bounded_modes(fe, min(max(len(fe.structure.damping.ratios), asked.modes), driven))
 
 

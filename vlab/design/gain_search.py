@@ -404,7 +404,7 @@ def bounded_modes(fe: FeModel, modes: int | Sequence[int]) -> tuple[int, ...]:
     """
     if not isinstance(modes, (int, np.integer)):
         return tuple(int(mode) for mode in modes)
-    driven = driven_modes(fe.coils.T @ fe.linear.eigen[1])
+    driven = fe.measured
     if not 1 <= modes <= len(driven):
         raise BadDesign(f"{modes} modes cannot be bounded; the coils drive {len(driven)} modes of this model")
     return tuple(int(mode) for mode in driven[:modes])

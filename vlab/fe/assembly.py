@@ -7,7 +7,7 @@ import numpy as np
 
 from vlab.errors import BadStructure
 from vlab.fe import elements as el
-from vlab.fe.damping import modal_factors, modal_ratios
+from vlab.fe.damping import NO_SILENT, SILENT, SilentModes, modal_factors, modal_ratios
 from vlab.fe.in_plane import Resultants, end_columns, in_plane_resultants
 from vlab.fe.mesh import Element, Mesh, build_mesh
 from vlab.fe.model import TUNING, FeModel, Piece, bending_map, torsion_map
@@ -66,10 +66,43 @@ def build_fe_model(structure: Structure, variant: str = "published", *, refine: 
         expand=np.eye(len(M))[:, keep],
         one_mode=one_mode,
         pieces=_kept(pieces, keep),
+        silent=silent_modes(structure, variant),
     )
     model = _tuned(model)
-    zeta = modal_ratios(structure.damping, model.coils.T @ model.linear.eigen[1])
+    zeta = modal_ratios(structure.damping, model.coils.T @ model.linear.eigen[1], model.measured)
     return replace(model, linear=model.linear.with_modal_damping(zeta))
+
+
+def silent_modes(structure: Structure, variant: str) -> SilentModes:
+    """Return the silent modes of a structure without its deviating spans.
+
+    Parameters
+    ----------
+    structure : Structure
+        Structure.
+    variant : str
+        Variant of the model.
+
+    Returns
+    -------
+    SilentModes
+        Modes between the measured ones; none without deviating spans.
+    """
+    if not structure.span:
+        return NO_SILENT
+    even = build_fe_model(replace(structure, span=(), tuning=None), variant)
+    omega, shapes = even.linear.eigen
+    rows, driven = even.deflections(even.points) @ shapes, even.measured
+    last = driven[: max(len(structure.damping.ratios), _most_tuned(structure))][-1:].max(initial=-1)
+    seen = np.abs(rows).max(axis=0)
+    silent = [i for i in range(int(last)) if i not in driven and seen[i] > SILENT * seen.max()]
+    return SilentModes(omega[silent], rows[:, silent])
+
+
+def _most_tuned(structure: Structure) -> int:
+    """Return the number of modes with tuned values."""
+    tuning = structure.tuning
+    return 0 if tuning is None else max(tuning.of_fe, len(tuning.frequencies))
 
 
 def _tuned(model: FeModel) -> FeModel:
@@ -80,7 +113,8 @@ def _tuned(model: FeModel) -> FeModel:
     if model.structure.tuning is None:
         return model
     linear = model.linear
-    K = linear.tuning_stiffness(modal_factors(model.structure.tuning, model.coils.T @ linear.eigen[1]))
+    factors = modal_factors(model.structure.tuning, model.coils.T @ linear.eigen[1], model.measured)
+    K = linear.tuning_stiffness(factors)
     piece = Piece(name=TUNING, columns=tuple(range(linear.n)), M=np.zeros_like(K), K=K)
     return replace(model, linear=replace(linear, K=linear.K + K), pieces=(*model.pieces, piece))
 

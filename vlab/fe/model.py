@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vlab.fe.damping import NO_SILENT, SilentModes, measured_modes
 from vlab.fe.elements import hermite, rigid_end
 from vlab.fe.mesh import Mesh
 from vlab.fe.one_mode import OneModeBar
@@ -49,6 +50,8 @@ class FeModel:
         Bar represented by one mode.
     pieces : tuple of Piece
         Elements and points with sum M and K, in the generalised coordinates.
+    silent : SilentModes
+        Silent modes of the structure without its deviating spans; none without such spans.
     """
 
     structure: Structure
@@ -58,6 +61,7 @@ class FeModel:
     expand: Array
     one_mode: OneModeBar | None = None
     pieces: tuple[Piece, ...] = ()
+    silent: SilentModes = NO_SILENT
 
     def with_coordinates(self, linear: SecondOrderModel, T: Array) -> "FeModel":
         """Return the structure in fewer coordinates p, q = T p.
@@ -133,6 +137,18 @@ class FeModel:
             along = ((x1 - x0) / np.hypot(x1 - x0, z1 - z0), (z1 - z0) / np.hypot(x1 - x0, z1 - z0))
         node = 3 * self.mesh.node(point)
         return np.asarray(self.expand[node + 2] * along[0] - self.expand[node + 1] * along[1])
+
+    @property
+    def points(self) -> list[str]:
+        """Names of the structure's points."""
+        return [point.name for point in self.structure.point]
+
+    @property
+    def measured(self) -> Array:
+        """Indices of the modes that a test of the structure measures."""
+        omega, shapes = self.linear.eigen
+        at_points = self.deflections(self.points) @ shapes if self.silent.omega.size else np.zeros((0, len(omega)))
+        return measured_modes(self.coils.T @ shapes, omega, at_points, self.silent)
 
     @property
     def coils(self) -> Array:

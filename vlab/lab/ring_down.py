@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from vlab.controllers.linear import LinearController
-from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
 from vlab.hardware.back_emf import brake_model
 from vlab.hardware.laboratory import Hardware
@@ -103,7 +102,7 @@ def loop_poles(fe: FeModel, law: object, hardware: Hardware) -> LoopPoles | None
         None for a nonlinear law.
     """
     fe = brake_model(fe, hardware)
-    modes = np.asarray(driven_modes(fe.coils.T @ fe.linear.eigen[1])[: len(fe.structure.damping.ratios)])
+    modes = np.asarray(fe.measured[: len(fe.structure.damping.ratios)])
     hum = _picked_up(hardware)
     if law is None:
         every = _pole(fe.linear.freq, fe.linear.zeta)

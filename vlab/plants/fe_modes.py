@@ -15,7 +15,8 @@ import numpy as np
 
 from vlab.errors import BadStructure
 from vlab.fe import build_fe_model
-from vlab.fe.damping import driven_modes
+from vlab.fe.assembly import silent_modes
+from vlab.fe.damping import SilentModes, measured_modes
 from vlab.fe.model import FeModel
 from vlab.fe.second_order import SecondOrderModel
 from vlab.plants.base import ActuatorTap, Plant, Port, SensorTap, named_sensors
@@ -34,6 +35,39 @@ RATE = ":rate"
 """Suffix of a rate sensor's name."""
 P = TypeVar("P", bound=Plant)
 """Type of a plant."""
+
+
+def measured_modes_of(plant: Plant, structure: Structure, variant: str, omega: Array, shapes: Array) -> Array:
+    """Return the indices of a plant's modes that a test of the structure measures.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant with its ports.
+    structure : Structure
+        Structure of the plant.
+    variant : str
+        Name of the structure's variant.
+    omega, shapes : (n_modes,), (nv, n_modes) array
+        Natural frequencies [rad/s] and mode shapes.
+
+    Returns
+    -------
+    (n,) array of int
+        Modes in order of frequency.
+    """
+    points, silent = _silent_at_ports(plant, structure, variant)
+    return measured_modes(
+        plant.port_rows(structure.coil_places) @ shapes, omega, plant.port_rows(points) @ shapes, silent
+    )
+
+
+def _silent_at_ports(plant: Plant, structure: Structure, variant: str) -> tuple[list[str], SilentModes]:
+    """Return the points that are ports of a plant, and the silent modes there."""
+    silent = silent_modes(structure, variant)
+    is_port = [point.name in plant.ports for point in structure.point]
+    points = [point.name for point, own in zip(structure.point, is_port, strict=True) if own]
+    return points, silent if not silent.omega.size else SilentModes(silent.omega, silent.at_points[is_port])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,19 +133,23 @@ class FeModes:
         count = structure.tuning.of_fe
         named = [*(point.name for point in structure.point), *(plate.name for plate in structure.plate)]
         places = [name for name in named if name in plant.ports and np.any(fe.deflection(name))]
+        points, silent = _silent_at_ports(plant, structure, variant)
         sets = []
-        for model, at_places, at_coils in (
-            (linear, plant.port_rows(places), plant.port_rows(structure.coil_places)),
-            (fe.linear, fe.deflections(places), fe.coils.T),
+        for model, deflections, at_coils in (
+            (linear, plant.port_rows, plant.port_rows(structure.coil_places)),
+            (fe.linear, fe.deflections, fe.coils.T),
         ):
             omega, shapes = model.eigen
-            driven = driven_modes(at_coils @ shapes)[:count]
+            at_points = deflections(points) @ shapes
+            driven = measured_modes(at_coils @ shapes, omega, at_points, silent)[:count]
             if len(driven) < count:
                 raise BadStructure(f"tuning.of_fe = {count}: there are {len(driven)} modes that the coils drive")
-            sets.append((omega[driven], shapes[:, driven], at_places @ shapes[:, driven]))
+            if silent.omega.size:  # a deviation couples these to driven modes
+                driven = np.union1d(driven, silent.among(omega, at_points))
+            sets.append((omega[driven], shapes[:, driven], deflections(places) @ shapes[:, driven]))
         (own, shapes, here), (omega, fe_shapes, there) = sets
         alike = there / np.sum(there**2, axis=1, keepdims=True)  # equal weight for every place, whatever its deflection
-        turned = np.zeros((count, count))
+        turned = np.zeros((len(omega), len(omega)))
         for group in _close(omega):
             left, _, right = np.linalg.svd(here[:, group].T @ alike[:, group])
             turned[group, group] = left @ right

@@ -18,7 +18,7 @@ from vlab.errors import BadStructure
 from vlab.fe.damping import modal_factors, modal_ratios
 from vlab.fe.second_order import SecondOrderModel
 from vlab.plants.base import Plant
-from vlab.plants.fe_modes import FeModes
+from vlab.plants.fe_modes import FeModes, measured_modes_of
 from vlab.signals import Array
 from vlab.structure.model import Structure
 
@@ -70,6 +70,10 @@ def with_prescribed(plant: P, structure: Structure, variant: str, *, damped: boo
     """
     linear = plant.linearise()
     coils = plant.port_rows(structure.coil_places)
+
+    def measured(linear: SecondOrderModel) -> Array:
+        return measured_modes_of(plant, structure, variant, *linear.eigen)
+
     restoring = dissipation = None
     if structure.tuning is not None:
         restoring = np.zeros((linear.n, linear.n))
@@ -79,9 +83,11 @@ def with_prescribed(plant: P, structure: Structure, variant: str, *, damped: boo
             plant = modes.seen_at_places(plant)
             coils = plant.port_rows(structure.coil_places)
         meshed = replace(linear, K=linear.K + restoring)
-        restoring += meshed.tuning_stiffness(modal_factors(structure.tuning, coils @ meshed.eigen[1]))
+        factors = modal_factors(structure.tuning, coils @ meshed.eigen[1], measured(meshed))
+        restoring += meshed.tuning_stiffness(factors)
         linear = replace(linear, K=linear.K + restoring)
-    dampers = modal_dampers(linear, modal_ratios(structure.damping, coils @ linear.eigen[1])) if damped else []
+    ratios = modal_ratios(structure.damping, coils @ linear.eigen[1], measured(linear))
+    dampers = modal_dampers(linear, ratios) if damped else []
     if dampers:
         rows = np.array([damper.row for damper in dampers])
         dissipation = np.asarray(rows.T * [damper.damping for damper in dampers] @ rows)

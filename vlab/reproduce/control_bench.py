@@ -21,7 +21,6 @@ from vlab.design.weights import noise_of, weights_of
 from vlab.errors import BadExperiment, unknown_name
 from vlab.fe.assembly import build_fe_model
 from vlab.fe.correction import correct_model
-from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
 from vlab.fe.reduction import guyan_reduction
 from vlab.fe.second_order import Quantity
@@ -309,7 +308,7 @@ class ControlBench:
     def modes_hz(self, model: str = "") -> Array:
         """Return open-loop frequencies of the drivable modes [Hz]."""
         fe = self.model(model) if model else self.real
-        return np.asarray(fe.linear.freq[driven_modes(fe.coils.T @ fe.linear.eigen[1])])
+        return np.asarray(fe.linear.freq[fe.measured])
 
     def analysis(self, model: str, run: LoopRun, freq: Array, place: str) -> FrequencyResponse:
         """Return the predicted response under the law of a run."""

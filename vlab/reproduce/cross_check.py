@@ -10,7 +10,6 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from vlab.design.published_tables import published_tables
-from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
 from vlab.fe.reduced import build_reduced_model
 from vlab.fe.second_order import SecondOrderModel
@@ -173,7 +172,7 @@ def cross_check(
     table = next((t for t in tables if "analytical" in t.columns), None)
     column = next(((t, name) for name in PUBLISHED[model] for t in tables if name in t.columns), None)
     count = modes if modes is not None else len(table.rows) if table is not None else 6
-    driven = driven_modes(fe.coils.T @ fe.linear.eigen[1])[:count]
+    driven = fe.measured[:count]
     return CrossCheck(
         structure=structure,
         fe=fe,

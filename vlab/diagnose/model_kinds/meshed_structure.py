@@ -28,11 +28,12 @@ from vlab.diagnose.parameters.structure_sensitivity import (
 )
 from vlab.diagnose.settings import MESHED_STRUCTURE, PROBLEM, SELECTION, VERDICT
 from vlab.fe import build_fe_model
-from vlab.fe.damping import driven_modes
+from vlab.fe.damping import SILENT, driven_modes
 from vlab.fe.model import FeModel
 from vlab.physics.attach import Attached
 from vlab.physics.effect import Effect
 from vlab.plants.base import Plant
+from vlab.plants.fe_modes import measured_modes_of
 from vlab.signals import Array
 from vlab.structure.model import Structure
 
@@ -98,6 +99,14 @@ class MeshedStructure(ModelKind):
         """See `ModelKind`."""
         return with_soft_cables(case, self.structure)
 
+    def with_coupled_modes(self, plant: Plant, modes: KeptModes) -> KeptModes:
+        """See `ModelKind`; the silent modes that move the structure's points, as of arms in opposition."""
+        points = [p.name for p in self.structure.point if p.name in plant.ports]
+        motion = np.abs(plant.port_rows(points) @ modes.shapes).max(axis=0)
+        most = motion[modes.kept].max(initial=0.0)
+        below = np.abs(modes.omega) <= np.abs(modes.omega[modes.kept]).max(initial=0.0)
+        return replace(modes, kept=modes.kept | (below & (motion > SILENT * most)))
+
     def uncertainty_about_rest(self, case: Case, recorded: RecordedRuns, modes: KeptModes) -> ModalUncertainty:
         """See `ModelKind`; the frequencies of modes in the recorded band are parameters."""
         plant, kept = case.plant, modes.kept
@@ -162,7 +171,8 @@ class MeshedStructure(ModelKind):
         if not any(p.kind == "frequency" for p in parameters):
             return theta
         rebuilt = self.adjusted(plant, parameters, theta)
-        return frequencies_of_reduced_model(reduced_model, rebuilt, self.structure, parameters, theta)
+        of = (self.structure, self.variant)
+        return frequencies_of_reduced_model(reduced_model, rebuilt, of, parameters, theta)
 
     def reported_place(self, name: str, effect: Effect, driven: int) -> str:
         """See `ModelKind`; the name is that of the hardware."""
@@ -179,8 +189,8 @@ class MeshedStructure(ModelKind):
         return WrittenModel(file=STRUCTURE, entries=entries, beside=tuple(effects))
 
     def _driven(self, plant: Plant, modes: KeptModes) -> Array:
-        """Return the indices of the modes that the coils drive."""
-        return driven_modes(plant.port_rows(self.structure.coil_places) @ modes.shapes)
+        """Return the indices of the modes that a test of the structure measures."""
+        return measured_modes_of(plant, self.structure, self.variant, modes.omega, modes.shapes)
 
     def _carried(self, plant: Plant, fe: FeModel, omega: Array, shapes: Array) -> Array:
         """Return FE coordinates per modal coordinate of the plant."""

@@ -175,6 +175,18 @@ class ModelKind(ABC):
 
     # ---- uncertain parameters ---------------------------------------------------------------------------------------
 
+    def with_coupled_modes(self, plant: Plant, modes: KeptModes) -> KeptModes:
+        """Return the dynamic modes with those that uncertain parameters couple to them.
+
+        Parameters
+        ----------
+        plant : Plant
+            Nominal plant.
+        modes : KeptModes
+            Observable modes.
+        """
+        return modes
+
     @abstractmethod
     def uncertainty_about_rest(self, case: Case, recorded: RecordedRuns, modes: KeptModes) -> ModalUncertainty:
         """Return the uncertain parameters of recordings near rest.

@@ -8,7 +8,6 @@ from vlab.cases.case import Case
 from vlab.diagnose.parameters.recorded_runs import read_runs
 from vlab.diagnose.settings import MESH_CORRECTION
 from vlab.fe import build_fe_model
-from vlab.fe.damping import driven_modes
 from vlab.plants.build import build_plant
 from vlab.structure.discretisation import Tuning
 from vlab.structure.model import Structure
@@ -42,7 +41,7 @@ def with_modes_of_fe(case: Case, structure: Structure) -> Case:
     if structure.tuning is not None and structure.tuning.of_fe:
         return case
     fe = build_fe_model(replace(structure, tuning=None), table.variant)
-    freq = fe.linear.freq[driven_modes(fe.coils.T @ fe.linear.eigen[1])]
+    freq = fe.linear.freq[fe.measured]
     recorded = read_runs(case, ("fit",))
     count = int(np.sum(freq <= MESH_CORRECTION.wider * recorded.highest_hz))
     if count == 0:

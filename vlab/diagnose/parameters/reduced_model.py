@@ -165,6 +165,11 @@ class ModalDamping:
         return self._matrix(self.M[None], self.K[None], np.zeros((1, most + 1)))[0]
 
     @cached_property
+    def _silent(self) -> Array:
+        """Indices of the nominal modes without coil motion."""
+        return np.setdiff1d(np.arange(self.at_coils.shape[1]), driven_modes(self.at_coils))
+
+    @cached_property
     def _nominal_shapes(self) -> Array:
         return _modes(self.M[None], self.K[None])[1]
 
@@ -190,7 +195,10 @@ class ModalDamping:
         by_place *= np.exp(theta[:, self.common].sum(axis=1))[:, None]
         out = np.empty(shapes.shape[::2])
         for i, own in enumerate(shapes):
-            driven = driven_modes(self.at_coils @ own)[: len(self.places)]
+            driven = driven_modes(self.at_coils @ own)
+            if self._silent.size:  # coupled by a deviation, such a mode keeps the ratio of the modes between
+                driven = np.setdiff1d(driven, np.abs(own[self._silent]).argmax(axis=1))
+            driven = driven[: len(self.places)]
             out[i] = by_place[i, -1]
             out[i, driven] = by_place[i, self.places[: len(driven)]]
         return out

@@ -15,10 +15,10 @@ from vlab.diagnose.parameters.reduced_model import CoilShift, ModalDamping, Part
 from vlab.diagnose.parameters.structure import ALL_DAMPING, FREQUENCY, PLACE, SCALED, StructureUncertain, edited
 from vlab.diagnose.settings import STRUCTURE_PRIORS
 from vlab.fe import build_fe_model
-from vlab.fe.damping import driven_modes
 from vlab.fe.model import FeModel
 from vlab.modal.mac import match_modes
 from vlab.plants.base import Plant, named_sensors
+from vlab.plants.fe_modes import measured_modes_of
 from vlab.signals import Array, ModalModel
 from vlab.structure.model import Structure
 
@@ -57,7 +57,11 @@ def common_scale_of_structure(
 
 
 def frequencies_of_reduced_model(
-    reduced_model: ReducedModel, plant: Plant, structure: Structure, parameters: Sequence[Uncertain], theta: Array
+    reduced_model: ReducedModel,
+    plant: Plant,
+    of: tuple[Structure, str],
+    parameters: Sequence[Uncertain],
+    theta: Array,
 ) -> Array:
     """Return log factors that give a rebuilt plant the reduced model's frequencies.
 
@@ -67,8 +71,8 @@ def frequencies_of_reduced_model(
         Reduced model.
     plant : Plant
         Plant rebuilt at `theta`.
-    structure : Structure
-        Nominal structure.
+    of : tuple of (Structure, str)
+        Nominal structure and variant of its model.
     parameters : sequence of Uncertain
         Uncertain parameters.
     theta : (n_changes,) array
@@ -79,6 +83,7 @@ def frequencies_of_reduced_model(
     (n_changes,) array
         Log factors for the plant.
     """
+    structure, variant = of
     linear = plant.linearise()
     M, _, K, *_ = (part[0] for part in reduced_model.matrices(theta[None]))
     squares, modal = linalg.eigh(K, M)
@@ -87,7 +92,7 @@ def frequencies_of_reduced_model(
     step = structure.tuning.at_step if structure.tuning is not None and structure.tuning.at_step else plant.timestep
     mass, _, stiffness = (np.diag(added) for added in as_stepped(plant, linear, shapes[:, same], step))
     shown = (linear.eigen[0][same] ** 2 + stiffness) / (1.0 + mass)
-    driven = list(driven_modes(plant.port_rows(structure.coil_places) @ shapes))
+    driven = list(measured_modes_of(plant, edited(structure, parameters, theta), variant, linear.eigen[0], shapes))
     index, out = {p.name: i for i, p in enumerate(parameters)}, theta.copy()
     for mode, wanted, own in zip(same, squares, shown, strict=True):
         i = index.get(f"{FREQUENCY}{driven.index(mode) + 1}") if mode in driven else None

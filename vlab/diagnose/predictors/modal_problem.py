@@ -50,6 +50,7 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
             f"{case.path}: the recorded channels see no mode of the model below {MODE_SELECTION.seen * rate:.3g} Hz"
         )
     model_kind = model_kind_of(case)
+    modes = model_kind.with_coupled_modes(plant, modes)
     uncertainty = model_kind.uncertainty_about_rest(case, recorded, modes)
     parameters = uncertainty.parameters
     pushes = np.hstack([plant.actuator_forces(), plant.port_rows(recorded.load_ports).T.reshape(plant.model.nv, -1)])
