@@ -22,8 +22,8 @@ from vlab.diagnose.search.sampling_convention import (
     _skewable,
     _skewed,
     describe_hold,
+    note_of_conventions,
     open_holds,
-    said,
     score_by_timing,
     with_hold,
 )
@@ -95,7 +95,7 @@ def test_every_convention_is_said_with_the_word_that_a_case_has_for_it():
         ChannelTable(
             column="u", at="motor", kind="force", unit="N", input=True, hold=hold
         )  # the case's own reader knows it
-    line = said([describe_hold("past"), "something else"])
+    line = note_of_conventions([describe_hold("past"), "something else"])
     assert all(part in line for part in (describe_hold("past"), "something else", "recordings do"))
 
 

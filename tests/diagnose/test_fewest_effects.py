@@ -25,8 +25,8 @@ class Held(Trials):
         return attempt_of(fit, self.left[len(fit.terms)])
 
 
-def attempt_of(fit, after, told=1e4):
-    parts = tuple(part(told, name=t.label) for t in fit.terms)
+def attempt_of(fit, after, information=1e4):
+    parts = tuple(part(information, name=t.label) for t in fit.terms)
     checked = distance(after=after, parts=parts)
     object.__setattr__(checked, "measured", np.zeros(SAMPLES))
     return Attempt(findings=(), checked=(checked,), fit=fit)
@@ -74,7 +74,7 @@ def test_an_effect_that_implausible_parameters_can_replace_stays():
 
 
 def test_an_effect_without_hold_out_data_stays():
-    best = attempt_of(BOTH.fit, 0.1, told=0.0)
+    best = attempt_of(BOTH.fit, 0.1, information=0.0)
     assert trials({2: 0.1, 1: 0.1}).plainest(best, [BOTH, ONE], refit, lambda fit: [], lambda a: True) is best
 
 

@@ -40,8 +40,8 @@ def distance(*, nominal=0.5, calibrated=0.4, after=0.02, noise=0.01, name="run",
     )  # fmt: skip
 
 
-def part(told, left=0.4, name="stop at joint:a"):
-    return Part(name=name, left=left, told=told)
+def part(information, left=0.4, name="stop at joint:a"):
+    return Part(name=name, left=left, information=information)
 
 
 NONE = np.zeros(0)
@@ -133,8 +133,8 @@ def test_a_stop_that_is_not_reached_does_nothing_and_one_that_is_does(quiet):
     rig, nominal, runs = quiet
     ablations = Ablations(names=("stop",), models=(nominal,))
     loud, aside = check(runs, nominal, with_stop(nominal, rig), nominal=nominal, ablations=ablations)
-    assert (aside.parts[0].told, aside.is_idle, aside.gap_closed) == (0.0, True, None)
-    assert loud.parts[0].told > 10 * MODEL_CHOICE.alike
+    assert (aside.parts[0].information, aside.is_idle, aside.gap_closed) == (0.0, True, None)
+    assert loud.parts[0].information > 10 * MODEL_CHOICE.alike
     assert not loud.is_idle
     assert whole_gap([aside]) is None
     assert whole_gap([loud, aside]) == loud.gap_closed
@@ -143,7 +143,7 @@ def test_a_stop_that_is_not_reached_does_nothing_and_one_that_is_does(quiet):
 
 def test_a_finding_is_told_from_nothing_by_the_energy_of_what_it_does_over_that_of_the_noise():
     own = part_of("stop", 0.9, np.array([0.1, 0.0]), np.array([1.0, 2.0]), 10_000)
-    assert own.told == pytest.approx(0.5 * 10_000 * 0.1**2)
+    assert own.information == pytest.approx(0.5 * 10_000 * 0.1**2)
     assert part_of("stop", 0.9, np.array([0.01, 0.01]), np.array([1.0, 1.0]), 10_000).is_idle  # one standard deviation
     assert not part_of("stop", np.inf, np.array([np.inf]), np.array([1.0]), 10_000).is_idle  # follows with it alone
 
@@ -179,9 +179,9 @@ def test_what_no_recording_kept_aside_can_verify_is_not_reported_as_found():
     assert fit_note("none-of-these", [near], model_kind=MjcfModel())
     assert not fit_note("nothing-missing", [near], model_kind=MjcfModel())
     assert not fit_note("none-of-these", [distance()], model_kind=MjcfModel())
-    told = distance(bare=0.5, parts=(part(500.0, 0.5),))
-    assert verdict([told, idle_note], fitted) == "missing-physics"  # the other one can
-    assert verdict([told], fitted) == "missing-physics"
+    information = distance(bare=0.5, parts=(part(500.0, 0.5),))
+    assert verdict([information, idle_note], fitted) == "missing-physics"  # the other one can
+    assert verdict([information], fitted) == "missing-physics"
 
 
 def test_what_closes_the_gap_and_leaves_more_than_noise_explains_a_part():

@@ -67,9 +67,9 @@ def scope_note(effects: Sequence[Effect], at: Collection[str]) -> tuple[str, ...
     """
     names = {effect.name for effect in effects}
     left_out = sum(effect.name not in names for effect in CANDIDATES)
-    said = [f"{left_out} of {len(CANDIDATES)} effects of the catalogue"] if left_out else []
-    said += [f"all places but {', '.join(at)}"] if at else []
-    return (f"not searched, as asked: {' and '.join(said)}",) if said else ()
+    left = [f"{left_out} of {len(CANDIDATES)} effects of the catalogue"] if left_out else []
+    left += [f"all places but {', '.join(at)}"] if at else []
+    return (f"not searched, as asked: {' and '.join(left)}",) if left else ()
 
 
 def before_heading(checked: Sequence[Distance]) -> str:

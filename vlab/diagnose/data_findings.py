@@ -37,7 +37,7 @@ class DataFindings:
         Significant and benign mains interference.
     damage : DataQuality
         Data quality of the recordings.
-    zeros : tuple of SensorOffset
+    offsets : tuple of SensorOffset
         Large sensor offsets of the last fit.
     noise : tuple of str
         Noise of every channel and its source.
@@ -49,7 +49,7 @@ class DataFindings:
     interferences: tuple[MainsInterference, ...]
     benign_interferences: tuple[MainsInterference, ...]
     damage: DataQuality
-    zeros: tuple[SensorOffset, ...] = ()
+    offsets: tuple[SensorOffset, ...] = ()
     noise: tuple[str, ...] = ()
 
     @property
@@ -60,7 +60,7 @@ class DataFindings:
             or bool(self.stops)
             or bool(self.steps)
             or bool(self.interferences)
-            or bool(self.zeros)
+            or bool(self.offsets)
         )
 
     def quality_lines(self, *, is_named: bool) -> tuple[str, ...]:
@@ -111,7 +111,7 @@ class DataFindings:
         ]
         return out + [
             finding_of_offset(offset, units[offset.channel], alike_offsets(offset.channel, problem))
-            for offset in self.zeros
+            for offset in self.offsets
         ]
 
 
@@ -182,7 +182,7 @@ def finding_of_limit(limit: CommandLimit, problem: Problem) -> Finding:
     index = problem.plant.actuator_index(limit.actuator)
     unit = command_unit(problem, index)
     scale = float(law.per_actuator[list(law.actuators).index(index)])
-    told = "the law receives the limited command" if limit.is_known else "the law does not know of it"
+    reach = "the law receives the limited command" if limit.is_known else "the law does not know of it"
     # odds of the replay errors, at the effective sample size of every score
     odds = (limit.after / limit.before) ** EVIDENCE.model_error_samples
     return Finding(
@@ -196,7 +196,7 @@ def finding_of_limit(limit: CommandLimit, problem: Problem) -> Finding:
         parameters={"limit": _estimated(limit.limit * scale, limit.sd * scale, unit)},
         law=effect.law,
         words=f"{effect.words}; the replayed law misses the recorded commands by {100 * limit.before:.0f} % without it and "
-        f"{100 * limit.after:.0f} % with it, and {told}",
+        f"{100 * limit.after:.0f} % with it, and {reach}",
     )
 
 

@@ -148,8 +148,8 @@ def diagnose_frequency(
             fit, after = tried.fit, extended_by(problem, tried.fit)
     if verdict == "none-of-these" and file.of("warning"):
         verdict = "bad-recording"
-    said = _report(problem, found, choice, verdict, tried, attempt, left_out)
-    diagnosis = replace(said, quality=file.lines, seconds=time.monotonic() - began)
+    diagnosis = _report(problem, found, choice, verdict, tried, attempt, left_out)
+    diagnosis = replace(diagnosis, quality=file.lines, seconds=time.monotonic() - began)
     report(1.0, "done")
     return FrequencyDiagnosed(
         diagnosis=diagnosis,
@@ -220,8 +220,8 @@ def _verdict(
 ) -> Verdict:
     """Return the verdict on checked data.
 
-    An explanation is complete where the residual is within noise and model error, or the gap nearly closed. It is partial
-    otherwise.
+    An explanation is complete where the residual is within noise and model error, or the gap nearly closed. Otherwise
+    the explanation is partial.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ from vlab.diagnose.search.confirmation import Confirmation, Confirmed
 from vlab.diagnose.search.deadline import Deadline
 from vlab.diagnose.search.left_out_recordings import with_left_out
 from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised, choose_model_class
-from vlab.diagnose.search.sampling_convention import said
+from vlab.diagnose.search.sampling_convention import note_of_conventions
 from vlab.diagnose.search.selection import TimeFound
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import explained_share, total
@@ -214,7 +214,7 @@ class _Pass:
         End of the search.
     scope : tuple of str
         Note on a restricted search.
-    told : str
+    note : str
         Note of an earlier pass.
     checked_file : FileCheck or None
         File check of an earlier pass.
@@ -227,7 +227,7 @@ class _Pass:
     began: float
     deadline: Deadline
     scope: tuple[str, ...] = ()
-    told: str = ""
+    note: str = ""
     checked_file: FileCheck | None = None
 
     def run(self) -> Diagnosed | RejectedCase:
@@ -240,10 +240,12 @@ class _Pass:
             return reject_case(self.whole_case, file, time.monotonic() - self.began)
         searched = self._search(case, file, static_offsets)
         self.report(0.8, "fitting whole recordings")
-        is_final = bool(self.told) or bool(searched.seen.damage.fatal)
+        is_final = bool(self.note) or bool(searched.seen.damage.fatal)
         other = None if is_final else choose_convention(searched.model_class, searched.found, self.whole_case)
         if other is not None:
-            again = replace(self, whole_case=other.of(self.whole_case), told=said([other.words]), checked_file=file)
+            again = replace(
+                self, whole_case=other.of(self.whole_case), note=note_of_conventions([other.words]), checked_file=file
+            )
             return again.run()
         judged = self._judge(searched, self._confirm(searched))
         if isinstance(judged, _Pass):
@@ -278,10 +280,10 @@ class _Pass:
         return None
 
     def _other(
-        self, searched: _Searched, effects: Sequence[Effect], told: str
+        self, searched: _Searched, effects: Sequence[Effect], note: str
     ) -> tuple["_Pass", _Searched, _Judged | None]:
         """Return a search of other effects and its judgement."""
-        other = replace(self, effects=effects, told="; ".join(filter(None, [self.told, told])))
+        other = replace(self, effects=effects, note="; ".join(filter(None, [self.note, note])))
         if self.deadline.is_past:
             return other, searched, None
         found = searched.model_class.search(effects, lambda share, what: None, self.deadline)
@@ -323,7 +325,7 @@ class _Pass:
         confirmed = confirmation.confirm(found)
         fit_before, fit = confirmed.before, with_whole_gains(confirmed.after, problem.parameters, problem.plant)
         known = [offset.channel for offset in searched.static_offsets]
-        seen = replace(searched.seen, zeros=find_sensor_offsets(problem, fit, known))
+        seen = replace(searched.seen, offsets=find_sensor_offsets(problem, fit, known))
         before = extended(problem, fit_before, wrong_offsets(problem, fit, seen))
         after, without = (seen.on(extended(problem, own)) for own in (fit, fit_before))
         if seen.is_missing and fit.terms:
@@ -373,10 +375,10 @@ class _Pass:
                 verdict, tried, trials = second, again, finer
                 judged = replace(judged, before=trials.before, after=with_finer_steps(judged.after))
                 coarse += "; the verdict is on the shorter ones"
-            elif not self.told:  # the fit compensates the coarse steps, so the search repeats
-                told = f"{coarse}; all of the search is with the shorter ones"
+            elif not self.note:  # the fit compensates the coarse steps, so the search repeats
+                note = f"{coarse}; all of the search is with the shorter ones"
                 finer_case = replace(self.whole_case, plant=with_finer_steps(trials.nominal).plant)
-                return replace(self, whole_case=finer_case, told=told, checked_file=searched.file)
+                return replace(self, whole_case=finer_case, note=note, checked_file=searched.file)
             judged = replace(judged, notes=(coarse,))
         judged = replace(judged, verdict=verdict, tried=tried)
         return self._graded(searched, judged, trials) if verdict == "none-of-these" else judged
@@ -470,7 +472,7 @@ class _Pass:
             *notes_on_models(checked),
             *idle_note(idle),
             *judged.notes,
-            *([self.told] if self.told else []),
+            *([self.note] if self.note else []),
             *self.scope,
             *(offset.line for offset in searched.static_offsets),
             *searched.notes,

@@ -155,7 +155,8 @@ def is_incoherent(checked: Sequence[Checked]) -> bool:
 def is_gaussian(checked: Sequence[Checked]) -> bool:
     """Return whether every residual may be stationary Gaussian noise.
 
-    The test has the false-alarm rate of the verdict. Physics that comes and goes, as an intermittent contact, has bursts. So has noise that rings up a lightly damped mode.
+    The test has the false-alarm rate of the verdict. Physics that comes and goes, as an intermittent contact, has
+    bursts. Noise that rings up a lightly damped mode has bursts as well.
     """
     rate = VERDICT.false_alarm_rate / max(len(checked), 1)
     return all(c.is_gaussian(rate) for c in checked)
@@ -421,7 +422,7 @@ def decide_verdict(
     """Return the verdict on the checked recordings.
 
     An explanation that closes the gap is complete where the residual is within noise and model error, or the gap nearly
-    closed. It is partial otherwise.
+    closed. Otherwise the explanation is partial.
 
     A residual counts as coloured noise only beside a calibrated model with plausible parameters. Implausible parameters
     show that the model lacks something, and short recordings show the coherence of a residual poorly. A residual within noise
@@ -485,7 +486,7 @@ def decide_verdict(
 def _may_be_damage(damage: DataQuality, checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
     """Return whether damage may explain the mismatch.
 
-    It may not where a recording shows a mismatch before its first damage.
+    Damage explains no mismatch that a recording shows before its first damage.
     """
 
     def is_shown(run: Checked) -> bool:

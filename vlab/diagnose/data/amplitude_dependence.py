@@ -219,7 +219,8 @@ def trends_of(group: Sequence[Response]) -> list[Trend]:
 def _clear(poles: PoleEstimate) -> Array:
     """Return the indices of clear modes, highest peak first.
 
-    Modes in the half-power band of a higher one are left out. A resonance that bends with the amplitude is fitted by two poles, of which the weaker is no mode.
+    Modes in the half-power band of a higher one are left out. A resonance that bends with the amplitude is fitted by
+    two poles, of which the weaker is no mode.
     """
     height = np.abs(poles.participation).max(axis=0) / np.maximum(poles.zeta * poles.freq, 1e-300)
     kept: list[int] = []

@@ -96,7 +96,8 @@ def _orthonormal(columns: Array, beside: Array | None = None) -> Array:
 def _left_out(R: Array, Q: Array, powers: Array) -> Array:
     """Return the squared leave-one-out residuals of a band.
 
-    The residuals are (R - fit) / (1 - leverage) over D. They are unbounded near a zero of D, so R is the upper bound.
+    The residuals are (R - fit) / (1 - leverage) over D. Residuals are unbounded near a zero of D, so R is the upper
+    bound.
 
     Parameters
     ----------

@@ -158,7 +158,7 @@ def _are_equal(u: Array, w: Array) -> bool:
 def _differ_in_level(u: Array, w: Array) -> bool:
     """Return whether inputs (n, k) differ by a factor more than otherwise.
 
-    Repeats differ by the noise of measured inputs. A change of level is intended, and a nonlinear response changes with it.
+    Repeats differ by the noise of measured inputs. A change of level is intended, and changes a nonlinear response.
     """
     u, w = u - u.mean(axis=0), w - w.mean(axis=0)
     factor = float(np.sum(u * w) / np.sum(u * u))

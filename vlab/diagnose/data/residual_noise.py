@@ -70,7 +70,8 @@ def _without_bias(run: Run, channel: str, squares: float, residual: Array, noise
 def _unexplained(run: Run, signals: Array) -> Array:
     """Return the unexplained power (n_lines, n_signals).
 
-    Neither inputs nor motion explain it. Of several motions, the one that explains a signal best counts. The result has no lines where there are too few.
+    Neither inputs nor motion explain the part. Of several motions, the one that explains a signal best counts. The
+    result has no lines where there are too few.
     """
     inputs = [spectrum(run.measured[drive.channel]) for drive in run.drives]
     inputs = [x for x in inputs if np.any(x)]

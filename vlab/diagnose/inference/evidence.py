@@ -155,8 +155,8 @@ def cost_of_parameters(parameters: Sequence[Parameter], samples: float = EVIDENC
     float
         Cost [nat].
     """
-    told = 0.5 * float(np.log(samples))
-    return sum(min(told, float(np.log(_values_tried(p)))) if p.grain else told for p in parameters)
+    most = 0.5 * float(np.log(samples))
+    return sum(min(most, float(np.log(_values_tried(p)))) if p.grain else most for p in parameters)
 
 
 def _values_tried(parameter: Parameter) -> int:

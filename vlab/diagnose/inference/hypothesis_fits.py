@@ -185,7 +185,7 @@ def by_score(*hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
 def hopeful(order: Sequence[Hypothesis]) -> int:
     """Return the number of hypotheses that merit further fits.
 
-    All do while none explains the recordings.
+    While no hypothesis explains the recordings, all do.
 
     Parameters
     ----------
@@ -268,11 +268,11 @@ def on_whole_runs(
     if narrow.runs == whole.runs:
         return list(hypotheses)
     chosen = list(hypotheses)[:most]
-    told = {c.label: c for c in reversed(screened) if c.effect.has_state}
+    fresh_values = {c.label: c for c in reversed(screened) if c.effect.has_state}
 
     def fitted_on(h: Hypothesis) -> Fit:
         own = whole.fit(h.terms, h.fit, iterations, thetas)
-        fresh = told.get(h.label)
+        fresh = fresh_values.get(h.label)
         if fresh is None or scored_by(whole, own).normalised_residual <= HYPOTHESIS_FITS.enough:
             return own
         return min(own, whole.fit(terms_of([fresh]), start), key=whole.negative_log_posterior)
@@ -356,8 +356,8 @@ def _on_from_the_best(whole: LeastSquares, fits: Sequence[Fit]) -> list[Fit]:
 def as_meant(whole: LeastSquares, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Return the hypotheses whose laws have values within their description.
 
-    Others are fitted again from values of the local elastic elements. A gap small against the motion identifies its
-    force alone: at a tenth of the stiffness and ten times the gap the law is a stop.
+    Laws beyond their description are fitted again from values of the local elastic elements. A gap small against the
+    motion identifies its force alone: at a tenth of the stiffness and ten times the gap the law is a stop.
 
     Parameters
     ----------
@@ -384,9 +384,9 @@ def with_tolerances(
 ) -> list[Hypothesis]:
     """Return hypotheses with small linear effects taken as tolerances of the model.
 
-    A linear effect within the stated uncertainty absorbs a part of other errors of the model. It is an effect only where
-    it explains the recordings. Elsewhere its residual and evidence count for the hypothesis without the effect. A law that
-    acts as the same small stiffness then gains nothing beside it.
+    A linear effect within the stated uncertainty absorbs a part of other errors of the model. The effect is physics
+    only where it explains the recordings. Elsewhere its residual and evidence count for the hypothesis without the
+    effect. A law that acts as the same small stiffness then gains nothing beside it.
 
     Parameters
     ----------
@@ -399,7 +399,7 @@ def with_tolerances(
     enough : float
         Normalised residual of an explanation.
     fit : callable
-        Fits effects, from another fit. It serves hypotheses of which no other lacks just the small effects.
+        Fits effects, from another fit. The function serves hypotheses of which no other lacks just the small effects.
 
     Returns
     -------

@@ -45,11 +45,11 @@ def find_sensor_offsets(problem: Problem, fit: Fit, unknown: Collection[str] = (
     tuple of SensorOffset
         Offsets.
     """
-    said = {t.place.index for t in fit.terms if t.effect.name in ("sensor-offset", "sensor-drift")}
+    explained = {t.place.index for t in fit.terms if t.effect.name in ("sensor-offset", "sensor-drift")}
     benign, error = _benign(problem, fit)
     out = []
     for i, (name, offset) in enumerate(zip(problem.names, fit.offsets, strict=True)):
-        if i not in said and name not in unknown and abs(offset) > benign[i]:
+        if i not in explained and name not in unknown and abs(offset) > benign[i]:
             samples = sum(len(run) for run in problem.signals)
             spread = float(error[i] / np.sqrt(max(samples, 1)))
             out.append(

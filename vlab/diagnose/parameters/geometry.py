@@ -48,8 +48,9 @@ def geometry_parameters(plant: Plant, given: Mapping[str, float]) -> list[Uncert
 def geometry_about_rest(plant: Plant, given: Mapping[str, float], basis: Array) -> list[Uncertain]:
     """Return inertias and lengths for small motion about rest.
 
-    They belong to the model where the case states them, or where gravity is the spring of a mode. They are then as
-    uncertain as the stiffness of a spring. A length is the distance of a centre of mass from the axis of its joint.
+    The parameters belong to the model where the case states them, or where gravity is the spring of a mode. The
+    parameters are then as uncertain as the stiffness of a spring. A length is the distance of a centre of mass from the
+    axis of its joint.
 
     Parameters
     ----------

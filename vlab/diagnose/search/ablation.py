@@ -53,7 +53,7 @@ def wrong_offsets(problem: Problem, fit: Fit, seen: DataFindings) -> set[str]:
     set of str
         Channels; a model without findings has no offset there.
     """
-    return {*(offset.channel for offset in seen.zeros), *explained_sensor_offsets(problem, fit)}
+    return {*(offset.channel for offset in seen.offsets), *explained_sensor_offsets(problem, fit)}
 
 
 def _without_each(problem: Problem, fit: Fit, seen: DataFindings) -> Iterator[ExtendedModel]:
@@ -62,13 +62,13 @@ def _without_each(problem: Problem, fit: Fit, seen: DataFindings) -> Iterator[Ex
         yield replace(whole, limit=None)
     for term in fit.terms:
         rest = replace(fit, terms=tuple(t for t in fit.terms if t is not term))
-        zeros = set(explained_sensor_offsets(problem, fit)) - set(explained_sensor_offsets(problem, rest))
-        yield seen.on(extended(problem, rest, zeros))
+        unexplained = set(explained_sensor_offsets(problem, fit)) - set(explained_sensor_offsets(problem, rest))
+        yield seen.on(extended(problem, rest, unexplained))
     for stop in seen.stops:
         yield replace(whole, stops=tuple(other for other in seen.stops if other is not stop))
     for step in seen.steps:
         yield replace(whole, steps=tuple(other for other in seen.steps if other is not step))
     for interference in seen.interferences:
         yield replace(whole, interferences=tuple(other for other in seen.interferences if other is not interference))
-    for offset in seen.zeros:
+    for offset in seen.offsets:
         yield seen.on(extended(problem, fit, {offset.channel}))

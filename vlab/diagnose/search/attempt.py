@@ -133,8 +133,8 @@ class Trials:
     ) -> Attempt:
         """Return the attempt of fewest effects that predicts as well.
 
-        A further effect may fit what is no such effect. Its refitted rivals without it then predict as well. An effect
-        that does nothing in these recordings stays.
+        A further effect may fit a mismatch of another cause. Hypotheses without the effect then predict as well after a
+        refit. An effect that does nothing in these recordings stays.
 
         Parameters
         ----------
@@ -284,7 +284,7 @@ def further_attempts(
 ) -> Iterator[Attempt]:
     """Yield attempts with other hypotheses.
 
-    Where hold-out data refute a set of effects, one effect of the set may fit what is no such effect. Hypotheses with fewer
+    Where hold-out data refute a set of effects, one effect of the set may fit a mismatch of another cause. Hypotheses with fewer
     effects of the set come first then.
 
     Parameters

@@ -212,8 +212,9 @@ class Confirmation:
     def _or_rival(self, found: TimeFound, confirmed: Confirmed) -> Confirmed:
         """Return the confirmation of the better of two rivals.
 
-        The rival is the most probable effect of other physics; MuJoCo must follow the recordings better with it. The linearisation along a motion errs most for large effects. Where a fit leaves more than noise, this error ranks
-        the effects as much as their laws do.
+        The rival is the most probable effect of other physics, and MuJoCo must follow the recordings better with the
+        rival. The linearisation along a motion errs most for large effects. Where a fit leaves more than noise, this
+        error ranks the effects as much as their laws do.
         """
         best = confirmed.choice.best
         if self.is_linear or len(best.terms) != 1 or best.normalised_residual <= MODEL_CHOICE.above_noise:

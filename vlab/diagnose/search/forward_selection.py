@@ -258,8 +258,8 @@ def _gain_of_law(law: Sequence[Candidate]) -> float:
 def further_effects(best: Hypothesis, table: Sequence[Candidate]) -> list[Candidate]:
     """Return the candidates that join a hypothesis.
 
-    They are the best of every family, and the hypothesis' own effects at their best other location. Effects that gain as
-    much as the best one join them. Two slip laws at one location are one friction.
+    The candidates are the best of every family, and the hypothesis' own effects at their best other location. Effects
+    that gain as much as the best one join them. Two slip laws at one location are one friction.
 
     Parameters
     ----------

@@ -40,23 +40,23 @@ def estimate_restoring_force(
     s = screen.stack
     x = screen.smooth
     left = s.defect[:-1] + x[1:] - np.einsum("krab,krb->kra", s.A[:-1], x[:-1])
-    asked = np.einsum("kran,kra->krn", s.G[:-1], left)
+    required = np.einsum("kran,kra->krn", s.G[:-1], left)
     gram = np.einsum("kran,kram->krnm", s.G[:-1], s.G[:-1])
     dead = ~(s.alive[1:] & s.alive[:-1])
     gram[dead] = np.eye(gram.shape[-1])
-    asked = np.linalg.solve(gram, asked[..., None])[..., 0]
+    required = np.linalg.solve(gram, required[..., None])[..., 0]
     own = relative_changes(screen.problem.parameters, fit.theta - screen.theta)
-    asked = asked - screen.changes[:-1] @ own
+    required = required - screen.changes[:-1] @ own
     for other in fit.terms:
         if other is not term and other.effect.kind == "port":
             rows, force = _law(screen, other)
-            asked = asked - np.einsum("lkr,lkrn->krn", force, rows)
+            required = required - np.einsum("lkr,lkrn->krn", force, rows)
     rows, z, v, a = _along(screen, term)
     most = int(np.argmax(np.abs(z).max(axis=(1, 2))))
     row = rows[most]
     size = np.maximum(np.einsum("krn,krn->kr", row, row), 1e-300)
     command = screen.groups[0].u[:-1, :, term.place.coil] if term.place.coil is not None else 0.0
-    return np.einsum("krn,krn->kr", asked, row) / size, z[most], v[most], a[most], command
+    return np.einsum("krn,krn->kr", required, row) / size, z[most], v[most], a[most], command
 
 
 def _along(screen: TrajectoryScoreTest, term: Term) -> tuple[Array, Array, Array, Array]:

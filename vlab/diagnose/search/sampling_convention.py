@@ -112,7 +112,7 @@ def score_by_timing(
         conventions = list(_conventions(screen, left_open))
         found = _favoured_convention(screen, left_open, conventions, effects)
         likely = found or _hinted_at(conventions)
-        other = None if likely is None else again(likely.case, said([*lines, *likely.lines]))
+        other = None if likely is None else again(likely.case, note_of_conventions([*lines, *likely.lines]))
         if likely is None or other is None or (found is None and not _leaves_less(leaves, other, screen)):
             break
         lines += likely.lines
@@ -189,7 +189,7 @@ def describe_hold(hold: Hold) -> str:
     return f'{WORDS[hold]} (hold = "{hold}")'
 
 
-def said(lines: Sequence[str]) -> str:
+def note_of_conventions(lines: Sequence[str]) -> str:
     """Return conventions as one note."""
     return f"{'; '.join(lines)}: the case does not say it, the recordings do"
 
@@ -222,10 +222,10 @@ def _favoured_convention(
     screen: ScoreTest, left_open: _Open, conventions: Sequence[_Convention], effects: Sequence[Effect]
 ) -> _Convention | None:
     """Return the convention of largest gain, or None."""
-    asked = [convention for convention in conventions if convention.log_likelihood_gain > SAMPLING_CONVENTION.gain]
-    effective_share = [convention for convention in asked if convention.is_conclusive]
-    if effective_share or not asked:
-        return max(effective_share, key=lambda convention: convention.log_likelihood_gain, default=None)
+    gaining = [convention for convention in conventions if convention.log_likelihood_gain > SAMPLING_CONVENTION.gain]
+    conclusive = [convention for convention in gaining if convention.is_conclusive]
+    if conclusive or not gaining:
+        return max(conclusive, key=lambda convention: convention.log_likelihood_gain, default=None)
     candidates = screen.candidates(effects)[: SAMPLING_CONVENTION.beside]
     most, found = candidates[0].log_likelihood_gain + SAMPLING_CONVENTION.gain if candidates else np.inf, None
     for candidate in candidates:

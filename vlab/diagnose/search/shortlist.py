@@ -126,7 +126,8 @@ def related_candidates(candidates: Sequence[Candidate], fitted: Sequence[Hypothe
 def rivals_of(candidate: Candidate, table: Sequence[Candidate]) -> list[Candidate]:
     """Return indistinguishable effects of a candidate's family.
 
-    They act at the same location, or gain as much: an offset of a command is a constant force where the actuator acts.
+    The rivals act at the same location, or gain as much: an offset of a command is a constant force where the actuator
+    acts.
 
     Parameters
     ----------
@@ -155,7 +156,7 @@ def rivals_of(candidate: Candidate, table: Sequence[Candidate]) -> list[Candidat
 def completing(first: Term, candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return usual companions of an effect at its location.
 
-    Each absorbs so much of the other that a conditional screening shows little.
+    Companions absorb so much of each other that a conditional screening shows little.
 
     Parameters
     ----------

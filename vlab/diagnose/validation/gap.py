@@ -27,18 +27,18 @@ class Part:
         Finding.
     left : float
         Relative error of the extended model without the finding.
-    told : float
+    information : float
         Expected log-likelihood ratio of both models if the residual is noise [nat].
     """
 
     name: str
     left: float
-    told: float
+    information: float
 
     @property
     def is_idle(self) -> bool:
         """Whether the finding has no detectable effect on the data."""
-        return self.told < MODEL_CHOICE.alike
+        return self.information < MODEL_CHOICE.alike
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -235,7 +235,9 @@ def part_of(name: str, left: float, moved: Array, noise: Array, samples: int) ->
     Part
         Contribution.
     """
-    return Part(name=name, left=left, told=float(0.5 * samples * np.sum((moved / np.maximum(noise, 1e-300)) ** 2)))
+    return Part(
+        name=name, left=left, information=float(0.5 * samples * np.sum((moved / np.maximum(noise, 1e-300)) ** 2))
+    )
 
 
 def verifying(checked: Sequence[D]) -> list[D]:

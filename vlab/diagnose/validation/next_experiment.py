@@ -129,8 +129,8 @@ def in_words(found: Sequence[Experiment], one: str, other: str) -> str:
     best = found[0]
     recorded = max((e.separation for e in found if e.level == 1.0), default=0.0)
     how = "the excitation" if best.level == 1.0 else f"{best.level:.2g} times the excitation"
-    told = "" if best.level == 1.0 else f", and by at most {in_digits(recorded, 2)} times at the recorded levels"
-    return f"{how} of {best.recording}: {one} and {other} differ there by {in_digits(best.separation, 2)} times the residual{told}"
+    at_recorded = "" if best.level == 1.0 else f", and by at most {in_digits(recorded, 2)} times at the recorded levels"
+    return f"{how} of {best.recording}: {one} and {other} differ there by {in_digits(best.separation, 2)} times the residual{at_recorded}"
 
 
 def _can_be_scaled(run: Run) -> bool:
