@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from scipy import signal
 
 from vlab.signals import Array, Channel, FrequencyResponse, Recording
@@ -21,6 +20,7 @@ from vlab.views.figures.style import (
     draw_line,
     pretty_unit,
     readable,
+    set_log_axis,
     styled,
 )
 
@@ -138,16 +138,8 @@ def _spectra(axes: Any, measured: Recording, curves: Sequence[tuple[str, Any, Ar
     if noise > 0:
         axes.axhline(noise / np.sqrt(highest), color=GREY, lw=1.0, linestyle=":")
     axes.set(yscale="log", xlabel="frequency [Hz]")
-    _frequencies(axes)
+    set_log_axis(axes)
     axes.margins(x=0)
-
-
-def _frequencies(axes: Any, *, decades_only: bool = False) -> None:
-    """Label a logarithmic frequency axis with plain numbers."""
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(10.0, (1.0,) if decades_only else (1.0, 2.0, 5.0)))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda hz, _: f"{hz:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 @styled
@@ -178,7 +170,7 @@ def response_figure(curves: Sequence[tuple[str, FrequencyResponse]], output: Cha
     whole = f"({output.unit})" if "/" in output.unit else output.unit or "1"
     unit = pretty_unit(f"{whole}/{source.unit}" if source.unit else whole)
     size.set(yscale="log", ylabel=f"magnitude\n[{unit}]")
-    _frequencies(size)
+    set_log_axis(size)
     size.set_title(as_text(f"{channel_label(output)} from {channel_label(source)}"), loc="left")
     coherence.set(ylim=(-0.05, 1.05), yticks=(0, 0.5, 1), ylabel="coherence\nmeasured [-]", xlabel="frequency [Hz]")
     size.margins(x=0)
@@ -228,7 +220,7 @@ def mismatch_figure(
     left.pcolormesh(
         edges_hz, np.arange(count + 1) - 0.5, np.maximum(bands, floor), norm=norm, cmap="cividis", shading="flat"
     )
-    _frequencies(left, decades_only=bool(edges_hz[-1] > MOST_LABELLED * edges_hz[0]))
+    set_log_axis(left, decades_only=bool(edges_hz[-1] > MOST_LABELLED * edges_hz[0]))
     left.set(xlabel="frequency [Hz]", yticks=np.arange(count), yticklabels=[as_text(r) for r in rows])
     image = None
     for i, (middles, errors) in enumerate(times):

@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from scipy import stats
 
-from vlab.views.figures.style import COLOURS, GREY, INK, as_text, draw_legend, styled
+from vlab.views.figures.style import COLOURS, GREY, INK, as_text, draw_legend, set_log_axis, styled
 
 SIZE_BINS = 6
 """SIZE_BINS [-]: groups of equally many cases in the detection rate over size."""
@@ -121,11 +120,8 @@ def detection_figure(sizes: Sequence[float], found: Mapping[str, Sequence[bool]]
         xlabel="residual after calibration / noise [-]",
         ylabel="share of the cases [-]",
         ylim=(-0.08, 1.06),
-        xscale="log",
     )
-    axes.xaxis.set_major_locator(LogLocator(10.0, (1.0, 2.0, 5.0)))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    set_log_axis(axes)
     draw_legend(figure, list(handles.values()), list(handles))
     return figure
 

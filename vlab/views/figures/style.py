@@ -16,6 +16,7 @@ from typing import Any, ParamSpec
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
 from vlab.signals import Array, Channel
@@ -153,6 +154,14 @@ def readable(channel: Channel, largest: float) -> tuple[float, str]:
     if channel.unit in ("m", "m/s") and 0 < largest < SHORT:
         return 1e3, f"m{channel.unit}"
     return 1.0, channel.unit
+
+
+def set_log_axis(axes: Any, *, decades_only: bool = False) -> None:
+    """Label a logarithmic horizontal axis with plain numbers."""
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(10.0, (1.0,) if decades_only else (1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def draw_line(axes: Any, x: ArrayLike, y: ArrayLike, index: int, **options: Any) -> Any:
