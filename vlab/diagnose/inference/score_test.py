@@ -94,7 +94,7 @@ class ScoreTest:
         self._intensity: dict[float, float] = dict(problem.intensity if like is None else like._intensity)
         self.runs = self._shortened(list(signals if signals is not None else problem.in_role("fit")))
         self._cache = ScreeningCache()
-        start = np.zeros(len(self.reduced_model.changes)) if like is None else like.theta
+        start = self.reduced_model.start if like is None else like.theta
         self.theta = start if theta is None else theta
         for _ in range(SCORE_TEST.refits if like is None else 1):
             self._linearise()

@@ -79,6 +79,8 @@ class Uncertain:
         Values of the model whose distance from a fixed value is multiplied, such as a position from an axis.
     actuator, sensor : int or None
         Actuator or channel whose gain is multiplied.
+    start : float
+        Log factor at which the search begins.
     """
 
     name: str
@@ -89,6 +91,7 @@ class Uncertain:
     shifted: tuple[tuple[Number, float], ...] = ()
     actuator: int | None = None
     sensor: int | None = None
+    start: float = 0.0
 
     @property
     def may_vanish(self) -> bool:
@@ -466,4 +469,4 @@ def relative_changes(parameters: Sequence[Uncertain], differences: Array) -> Arr
 
 def changes_of(parameters: Sequence[Uncertain]) -> tuple[Change, ...]:
     """Return uncertain parameters as the reduced model's changes."""
-    return tuple(Change(name=p.name, sd=p.sd, actuator=p.actuator, sensor=p.sensor) for p in parameters)
+    return tuple(Change(name=p.name, sd=p.sd, actuator=p.actuator, sensor=p.sensor, start=p.start) for p in parameters)

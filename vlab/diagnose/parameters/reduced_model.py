@@ -28,12 +28,15 @@ class Change:
         Prior standard deviation about zero.
     actuator, sensor : int or None
         Actuator or channel whose gain is multiplied; matrix parts are in `ReducedModel.parts`.
+    start : float
+        Log factor at which the search begins.
     """
 
     name: str
     sd: float
     actuator: int | None = None
     sensor: int | None = None
+    start: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -327,6 +330,11 @@ class ReducedModel:
     def prior(self) -> Array:
         """Prior standard deviations (n_changes,) of the uncertain parameters."""
         return np.array([c.sd for c in self.changes])
+
+    @property
+    def start(self) -> Array:
+        """Log factors (n_changes,) at which the search begins."""
+        return np.array([c.start for c in self.changes])
 
     def matrices(self, theta: Array) -> tuple[Array, Array, Array, Array, Array]:
         """Return modal matrices and gains for parameter sets.

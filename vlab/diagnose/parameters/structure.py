@@ -6,7 +6,6 @@ Parameters concern sections, fittings, tension, damping and gains.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 
@@ -172,21 +171,27 @@ def _coil_places(structure: Structure, actuators: Sequence[int], sd: float) -> l
 
 
 def _spans(structure: Structure, sd: Mapping[str, float]) -> list[StructureUncertain]:
-    """Return parameters of the stiffness and the mass between neighbouring points of the bars."""
+    """Return parameters of the stiffness and the mass between neighbouring points of the bars.
+
+    Equal arms are a stationary point of the residual: how they couple the modes is of second order in their difference.
+    The search therefore begins with uneven spans.
+    """
+    uneven = STRUCTURE_PRIORS.uneven
     return [
         StructureUncertain(
             name=f"{bar.name}:{a}-{b}:{what}",
             kind=f"span-{what}",
             sd=sd[f"span-{what}"],
             edit=_span(bar.name, a, b, what),
+            start=(-1) ** k * uneven * sd["span-stiffness"] if what == "stiffness" else 0.0,
         )
         for bar in structure.bar
-        for a, b in pairwise(bar.points)
+        for k, (a, b) in enumerate(pairwise(bar.points))
         for what in ("stiffness", "mass")
     ]
 
 
-def _span(bar: str, a: str, b: str, what: Literal["stiffness", "mass"]) -> Edit:
+def _span(bar: str, a: str, b: str, what: str) -> Edit:
     def edit(structure: Structure, factor: float) -> Structure:
         old = next((s for s in structure.span if s.bar == bar and set(s.between) == {a, b}), None)
         if old is None:

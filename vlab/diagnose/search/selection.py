@@ -96,7 +96,7 @@ def search(
     narrow, in_windows = _calibrated_error(screen)
     whole = LeastSquares(screen, problem.in_role("fit"), narrow.model_error)
     rough = WindowLeastSquares(screen, every=2, model_error=narrow.model_error)
-    starts = [screen.theta, np.zeros_like(screen.theta)]
+    starts = [screen.theta, screen.reduced_model.start]
     (before,) = on_whole_runs(whole, narrow, [in_windows], thetas=starts, iterations=FIT.iterations)
     steps = _TimeSearch(
         screen=screen, effects=effects, candidates=candidates, narrow=narrow, rough=rough, whole=whole,

@@ -184,6 +184,9 @@ class StructurePriorsSettings:
     """structure_sd [1]: prior standard deviations of tension and mode frequencies, relative, and of sensor positions
     [m], above 0. Composites of 16 links err by up to 0.2 % in frequency below 50 Hz; raising an entry frees that kind.
     """
+    uneven: float = 0.5
+    """uneven [1]: stiffness of neighbouring spans at the start of the search, in prior standard deviations up and down,
+    above 0; default untested. Raising it leaves the symmetric structure faster and begins farther from an even one."""
     of_fe_sd: float = 0.001
     """of_fe_sd [1]: relative prior standard deviation of frequencies that the plant takes from the FE model, above 0.
     The linear reduced model errs by as much at some per cent parameter change; raising it absorbs stiffness and mass
