@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from vlab.fe.damping import driven_modes
 from vlab.fe.second_order import SecondOrderModel
 from vlab.lab.prediction import SampledLoop
 
@@ -17,7 +18,10 @@ def toy(M: Any, C: Any, K: Any, coils: Any) -> Any:
         M=np.array(M), C=np.array(C), K=np.array(K), coordinates=tuple(f"v:{i}" for i in range(n))
     )
     names = [SimpleNamespace(name=f"coil{i}", at=f"coil{i}") for i in range(coils.shape[1])]
-    return SimpleNamespace(linear=linear, coils=coils, structure=SimpleNamespace(name="toy", coil=names))
+    measured = driven_modes(coils.T @ linear.eigen[1])
+    return SimpleNamespace(
+        linear=linear, coils=coils, measured=measured, structure=SimpleNamespace(name="toy", coil=names)
+    )
 
 
 def oscillators(omega: Any, coils: Any, zeta: float = 0.0) -> Any:

@@ -66,7 +66,7 @@ def build_fe_model(structure: Structure, variant: str = "published", *, refine: 
         expand=np.eye(len(M))[:, keep],
         one_mode=one_mode,
         pieces=_kept(pieces, keep),
-        silent=silent_modes(structure, variant),
+        silent=silent_modes(structure, variant) if structure.span else NO_SILENT,
     )
     model = _tuned(model)
     zeta = modal_ratios(structure.damping, model.coils.T @ model.linear.eigen[1], model.measured)
@@ -86,10 +86,8 @@ def silent_modes(structure: Structure, variant: str) -> SilentModes:
     Returns
     -------
     SilentModes
-        Modes between the measured ones; none without deviating spans.
+        Modes between the measured ones.
     """
-    if not structure.span:
-        return NO_SILENT
     even = build_fe_model(replace(structure, span=(), tuning=None), variant)
     omega, shapes = even.linear.eigen
     rows, driven = even.deflections(even.points) @ shapes, even.measured

@@ -16,7 +16,7 @@ import numpy as np
 from vlab.errors import BadStructure
 from vlab.fe import build_fe_model
 from vlab.fe.assembly import silent_modes
-from vlab.fe.damping import SilentModes, measured_modes
+from vlab.fe.damping import SilentModes, driven_modes, measured_modes
 from vlab.fe.model import FeModel
 from vlab.fe.second_order import SecondOrderModel
 from vlab.plants.base import ActuatorTap, Plant, Port, SensorTap, named_sensors
@@ -56,10 +56,11 @@ def measured_modes_of(plant: Plant, structure: Structure, variant: str, omega: A
     (n,) array of int
         Modes in order of frequency.
     """
+    at_coils = plant.port_rows(structure.coil_places) @ shapes
+    if not structure.span:
+        return driven_modes(at_coils)
     points, silent = _silent_at_ports(plant, structure, variant)
-    return measured_modes(
-        plant.port_rows(structure.coil_places) @ shapes, omega, plant.port_rows(points) @ shapes, silent
-    )
+    return measured_modes(at_coils, omega, plant.port_rows(points) @ shapes, silent)
 
 
 def _silent_at_ports(plant: Plant, structure: Structure, variant: str) -> tuple[list[str], SilentModes]:
@@ -144,7 +145,7 @@ class FeModes:
             driven = measured_modes(at_coils @ shapes, omega, at_points, silent)[:count]
             if len(driven) < count:
                 raise BadStructure(f"tuning.of_fe = {count}: there are {len(driven)} modes that the coils drive")
-            if silent.omega.size:  # a deviation couples these to driven modes
+            if silent.omega.size:  # a deviation would couple these to driven modes
                 driven = np.union1d(driven, silent.among(omega, at_points))
             sets.append((omega[driven], shapes[:, driven], deflections(places) @ shapes[:, driven]))
         (own, shapes, here), (omega, fe_shapes, there) = sets
