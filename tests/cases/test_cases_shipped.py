@@ -64,8 +64,8 @@ def slide(force, mass, viscous, coulomb, offset, step=1e-3):
 def test_dry_friction_and_an_offset_are_what_the_positioning_system_lacks():
     left = {}
     for name in ("positioning", "positioning_pulses"):
-        table = open_table(f"{name}.mat", folder=folder("emps")).columns
-        force, measured = 35.1507 * table["vir"].ravel(), table["qm"].ravel()
+        table = open_table(f"{name}.parquet", folder=folder("emps")).columns
+        force, measured = 35.1507 * table["vir"], table["qm"]
         model = slide(force, 92.13, 189.9, 22.06, 3.372)
         left[name] = np.sqrt(np.mean((model - measured) ** 2)) / measured.std()
     # Fitted to the first recording by the same equation: 3.1 %, and 6.5 % on the other one. So scale, sign and units of
