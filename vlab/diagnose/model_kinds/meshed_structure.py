@@ -101,6 +101,8 @@ class MeshedStructure(ModelKind):
 
     def with_coupled_modes(self, plant: Plant, modes: KeptModes) -> KeptModes:
         """See `ModelKind`; the silent modes that move the structure's points, as of arms in opposition."""
+        if self.structure.tuning is None or not self.structure.tuning.of_fe:
+            return modes  # no deviating arm couples them
         points = [p.name for p in self.structure.point if p.name in plant.ports]
         motion = np.abs(plant.port_rows(points) @ modes.shapes).max(axis=0)
         most = motion[modes.kept].max(initial=0.0)

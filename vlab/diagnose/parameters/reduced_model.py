@@ -336,6 +336,14 @@ class ReducedModel:
         """Log factors (n_changes,) at which the search begins."""
         return np.array([c.start for c in self.changes])
 
+    @property
+    def at_start(self) -> "ReducedModel":
+        """The model at the start of the search, where the channels see every mode."""
+        if not np.any(self.start):
+            return self
+        M, C, K = (part[0] for part in self.matrices(self.start[None])[:3])
+        return replace(self, M=M, C=C, K=K)
+
     def matrices(self, theta: Array) -> tuple[Array, Array, Array, Array, Array]:
         """Return modal matrices and gains for parameter sets.
 

@@ -50,7 +50,7 @@ def with_own_nonlinearity(problem: Problem) -> Problem:
     signals, intensity = list(problem.signals), {}
     for h in sorted({run.h for run in signals}):
         index = [i for i, run in enumerate(signals) if run.h == h]
-        states, intensity[h] = smoothed_states(reduced_model, [signals[i] for i in index])
+        states, intensity[h] = smoothed_states(reduced_model.at_start, [signals[i] for i in index])
         loads = side_by_side(partial(_loads, own, h), states)
         for i, load in zip(index, loads, strict=True):
             signals[i] = replace(signals[i], load=np.hstack([signals[i].load, load]))
