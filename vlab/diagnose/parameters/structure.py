@@ -6,6 +6,7 @@ Parameters concern sections, fittings, tension, damping and gains.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -154,7 +155,7 @@ def _places(structure: Structure, sensors: Sequence[int | None], sd: float) -> l
     named = named_sensors(structure)
     on_bars = {point for bar in structure.bar for point in bar.points}
     return [
-        StructureUncertain(name=f"{PLACE}{named[k][0]}", kind="place", sd=sd, edit=_beside(k), beside=i)
+        StructureUncertain(name=f"{PLACE}{named[k][0]}", kind="place", sd=sd, edit=_beside("beside", k), beside=i)
         for i, k in enumerate(sensors)
         if k is not None and named[k][1].at in on_bars
     ]
@@ -164,7 +165,9 @@ def _coil_places(structure: Structure, actuators: Sequence[int], sd: float) -> l
     """Return position parameters of the driven coils on bars."""
     on_bars = {point for bar in structure.bar for point in bar.points}
     return [
-        StructureUncertain(name=f"{COIL_PLACE}{coil.name}", kind="place", sd=sd, edit=_coil_beside(i), pushed=i)
+        StructureUncertain(
+            name=f"{COIL_PLACE}{coil.name}", kind="place", sd=sd, edit=_beside("coils_beside", i), pushed=i
+        )
         for i, coil in enumerate(structure.coil)
         if i in actuators and coil.at in on_bars
     ]
@@ -277,22 +280,16 @@ def _frequency(mode: int) -> Edit:
     return edit
 
 
-def _beside(sensor: int) -> Edit:
+def _beside(key: str, index: int) -> Edit:
+    """Return the edit that moves a sensor or coil along its bar."""
+
     def edit(structure: Structure, distance: float) -> Structure:
         tuning = structure.tuning or Tuning()
-        old = [*tuning.beside, *(0.0 for _ in range(sensor + 1 - len(tuning.beside)))]
-        old[sensor] += distance
-        return replace(structure, tuning=replace(tuning, beside=tuple(old)))
-
-    return edit
-
-
-def _coil_beside(coil: int) -> Edit:
-    def edit(structure: Structure, distance: float) -> Structure:
-        tuning = structure.tuning or Tuning()
-        old = [*tuning.coils_beside, *(0.0 for _ in range(coil + 1 - len(tuning.coils_beside)))]
-        old[coil] += distance
-        return replace(structure, tuning=replace(tuning, coils_beside=tuple(old)))
+        old = [*getattr(tuning, key)]
+        old += [0.0] * (index + 1 - len(old))
+        old[index] += distance
+        moved: dict[str, Any] = {key: tuple(old)}
+        return replace(structure, tuning=replace(tuning, **moved))
 
     return edit
 
