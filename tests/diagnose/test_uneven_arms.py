@@ -37,24 +37,17 @@ def problem_of(structure, folder):
 
 
 @pytest.fixture(scope="module")
-def uneven(beam_structure, tmp_path_factory):
+def uneven(beam, tmp_path_factory):
     span = Span(name="left", bar="crosspiece", between=("tip-left", "20in"), stiffness=1 - DIFFERENCE)
-    return problem_of(dataclasses.replace(beam_structure, span=(span,)), tmp_path_factory.mktemp("uneven"))
+    return problem_of(dataclasses.replace(beam, span=(span,)), tmp_path_factory.mktemp("uneven"))
 
 
-@pytest.fixture(scope="module")
-def beam_structure():
-    from vlab.structure import load_structure
-
-    return load_structure("beam")
-
-
-def test_the_mode_in_opposition_is_kept_though_no_coil_drives_it(uneven, beam_structure):
+def test_the_mode_in_opposition_is_kept_though_no_coil_drives_it(uneven, beam):
     near = np.abs(uneven.reduced_model.omega / OPPOSED - 1.0)
     assert near.min() < 2e-3
     mode = near.argmin()
     assert np.abs(uneven.reduced_model.forces[mode]).max() < 1e-6 * np.abs(uneven.reduced_model.forces).max()
-    fe = build_fe_model(beam_structure, "physical")
+    fe = build_fe_model(beam, "physical")
     assert fe.linear.eigen[0][2] == pytest.approx(OPPOSED, rel=1e-3)
 
 

@@ -69,11 +69,11 @@ def build_fe_model(structure: Structure, variant: str = "published", *, refine: 
         silent=silent_modes(structure, variant) if structure.span else NO_SILENT,
     )
     model = _tuned(model)
-    zeta = modal_ratios(structure.damping, model.coils.T @ model.linear.eigen[1], model.measured)
+    zeta = modal_ratios(structure.damping, model.measured, model.linear.n)
     return replace(model, linear=model.linear.with_modal_damping(zeta))
 
 
-def silent_modes(structure: Structure, variant: str) -> SilentModes:
+def silent_modes(structure: Structure, variant: str, even: FeModel | None = None) -> SilentModes:
     """Return the silent modes of a structure without its deviating spans.
 
     Parameters
@@ -82,13 +82,15 @@ def silent_modes(structure: Structure, variant: str) -> SilentModes:
         Structure.
     variant : str
         Variant of the model.
+    even : FeModel, optional
+        FE model without deviating spans and tuning, where it is known; built by default.
 
     Returns
     -------
     SilentModes
         Modes between the measured ones.
     """
-    even = build_fe_model(replace(structure, span=(), tuning=None), variant)
+    even = even or build_fe_model(replace(structure, span=(), tuning=None), variant)
     omega, shapes = even.linear.eigen
     rows, driven = even.deflections(even.points) @ shapes, even.measured
     last = driven[: max(len(structure.damping.ratios), _most_tuned(structure))][-1:].max(initial=-1)
@@ -111,8 +113,7 @@ def _tuned(model: FeModel) -> FeModel:
     if model.structure.tuning is None:
         return model
     linear = model.linear
-    factors = modal_factors(model.structure.tuning, model.coils.T @ linear.eigen[1], model.measured)
-    K = linear.tuning_stiffness(factors)
+    K = linear.tuning_stiffness(modal_factors(model.structure.tuning, model.measured, linear.n))
     piece = Piece(name=TUNING, columns=tuple(range(linear.n)), M=np.zeros_like(K), K=K)
     return replace(model, linear=replace(linear, K=linear.K + K), pieces=(*model.pieces, piece))
 

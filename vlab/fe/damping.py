@@ -95,48 +95,47 @@ def measured_modes(at_coils: Array, omega: Array, at_points: Array, silent: Sile
     return np.setdiff1d(driven, silent.among(omega, at_points)) if silent.omega.size else driven
 
 
-def modal_ratios(damping: Damping, at_coils: Array, measured: Array | None = None) -> Array:
+def modal_ratios(damping: Damping, measured: Array, count: int) -> Array:
     """Return the damping ratio of every mode in order.
 
-    The measured ratios belong to the coil-driven modes in order of frequency. Modes between (arms in opposition, bounce
-    on the cables) and above get the ratio of the higher modes.
+    The measured ratios belong to the measured modes in order of frequency. Modes between (arms in opposition, bounce on
+    the cables) and above get the ratio of the higher modes.
 
     Parameters
     ----------
     damping : Damping
         Measured ratios, and the ratio of higher modes.
-    at_coils : (n_coils, n_modes) array
-        Mass-normalised mode shapes at the coils.
-    measured : (n,) array of int, optional
-        Measured modes, by `measured_modes`; all driven ones by default.
+    measured : (n,) array of int
+        Measured modes, by `measured_modes`.
+    count : int
+        Number of modes.
     """
-    return _of_measured(damping.ratios, damping.higher, at_coils, measured)
+    return _of_measured(damping.ratios, damping.higher, measured, count)
 
 
-def modal_factors(tuning: Tuning, at_coils: Array, measured: Array | None = None) -> Array:
+def modal_factors(tuning: Tuning, measured: Array, count: int) -> Array:
     """Return the frequency factor of every mode.
 
-    Modes that the coils do not drive have factor one.
+    Modes that are not measured have factor one.
 
     Parameters
     ----------
     tuning : Tuning
-        Factors of the first coil-driven modes.
-    at_coils : (n_coils, n_modes) array
-        Mass-normalised mode shapes at the coils.
-    measured : (n,) array of int, optional
-        Measured modes, by `measured_modes`; all driven ones by default.
+        Factors of the first measured modes.
+    measured : (n,) array of int
+        Measured modes, by `measured_modes`.
+    count : int
+        Number of modes.
     """
-    return _of_measured(tuning.frequencies, 1.0, at_coils, measured)
+    return _of_measured(tuning.frequencies, 1.0, measured, count)
 
 
-def _of_measured(values: tuple[float, ...], others: float, at_coils: Array, measured: Array | None) -> Array:
+def _of_measured(values: tuple[float, ...], others: float, measured: Array, count: int) -> Array:
     """Return one value for each mode.
 
     `values` belong to the measured modes in order of frequency; every further mode has the value `others`.
     """
-    driven = driven_modes(at_coils) if measured is None else measured
-    out = np.full(at_coils.shape[1], others)
-    count = min(len(driven), len(values))
-    out[driven[:count]] = values[:count]
+    out = np.full(count, others)
+    known = min(len(measured), len(values))
+    out[measured[:known]] = values[:known]
     return out

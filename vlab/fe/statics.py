@@ -128,13 +128,6 @@ def _line(structure: Structure, bar: Bar) -> HangingLine:
     )
 
 
-def _additional_mass(structure: Structure, bar: Bar, a: str, b: str) -> float:
-    """Return the mass by which a span exceeds its section [kg]."""
-    own = structure.section[bar.section].mass_per_length
-    length = float(np.hypot(*np.subtract(structure.position(b), structure.position(a))))
-    return (structure.section_between(bar, a, b).mass_per_length - own) * length
-
-
 def _deviations(structure: Structure, bar: Bar) -> list[tuple[float, float, float]]:
     """Return heights [m] and additional mass per length [kg/m] of spans."""
     own, out = structure.section[bar.section].mass_per_length, []
@@ -156,8 +149,7 @@ def _hang_on(structure: Structure, other: Bar, bar: Bar, carried: dict[str, floa
         return
     ends = structure.position(other.points[0]), structure.position(other.points[-1])
     length = float(np.hypot(*np.subtract(ends[1], ends[0])))
-    mass = structure.section[other.section].mass_per_length * length
-    mass += sum(_additional_mass(structure, other, a, b) for a, b in pairwise(other.points))
+    mass = structure.section_between(other, other.points[0], other.points[-1]).mass_per_length * length
     mass += sum(structure.point_mass(name) for name in other.points if name not in bar.points)
     carried[shared[0]] += mass
 

@@ -194,6 +194,10 @@ class Plant:
         """Return the plant with the effects of a similar plant."""
         return replace(self, physics=other.physics, impedance=other.impedance)
 
+    def points_of(self, structure: Structure) -> list[str]:
+        """Return the points of a structure that are ports."""
+        return [point.name for point in structure.point if point.name in self.ports]
+
     def port_rows(self, names: Sequence[str] | None = None) -> Array:
         """Return the Jacobian rows of ports, (n_ports, nv).
 

@@ -63,12 +63,13 @@ def measured_modes_of(plant: Plant, structure: Structure, variant: str, omega: A
     return measured_modes(at_coils, omega, plant.port_rows(points) @ shapes, silent)
 
 
-def _silent_at_ports(plant: Plant, structure: Structure, variant: str) -> tuple[list[str], SilentModes]:
+def _silent_at_ports(
+    plant: Plant, structure: Structure, variant: str, even: FeModel | None = None
+) -> tuple[list[str], SilentModes]:
     """Return the points that are ports of a plant, and the silent modes there."""
-    silent = silent_modes(structure, variant)
+    silent = silent_modes(structure, variant, even)
     is_port = [point.name in plant.ports for point in structure.point]
-    points = [point.name for point, own in zip(structure.point, is_port, strict=True) if own]
-    return points, silent if not silent.omega.size else SilentModes(silent.omega, silent.at_points[is_port])
+    return plant.points_of(structure), SilentModes(silent.omega, silent.at_points[is_port])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,7 +135,7 @@ class FeModes:
         count = structure.tuning.of_fe
         named = [*(point.name for point in structure.point), *(plate.name for plate in structure.plate)]
         places = [name for name in named if name in plant.ports and np.any(fe.deflection(name))]
-        points, silent = _silent_at_ports(plant, structure, variant)
+        points, silent = _silent_at_ports(plant, structure, variant, None if structure.span else fe)
         sets = []
         for model, deflections, at_coils in (
             (linear, plant.port_rows, plant.port_rows(structure.coil_places)),
@@ -185,7 +186,7 @@ class FeModes:
             Corrected plant.
         """
         structure = self.structure
-        places = [p.name for p in structure.point if p.name in plant.ports]
+        places = plant.points_of(structure)
         at_points = {name: self.fe.deflection(name) for name in places}
         wanted = {name: constant_port(name, row) for name, row in at_points.items()}
         wanted |= fe_element_ports(self.fe, at_points, lambda row: row)

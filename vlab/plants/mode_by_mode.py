@@ -69,7 +69,6 @@ def with_prescribed(plant: P, structure: Structure, variant: str, *, damped: boo
         The tuning has more modes than the plant or the FE model.
     """
     linear = plant.linearise()
-    coils = plant.port_rows(structure.coil_places)
 
     def measured(linear: SecondOrderModel) -> Array:
         return measured_modes_of(plant, structure, variant, *linear.eigen)
@@ -81,13 +80,10 @@ def with_prescribed(plant: P, structure: Structure, variant: str, *, damped: boo
             modes = FeModes.of(plant, linear, structure, variant)
             restoring += modes.stiffness
             plant = modes.seen_at_places(plant)
-            coils = plant.port_rows(structure.coil_places)
         meshed = replace(linear, K=linear.K + restoring)
-        factors = modal_factors(structure.tuning, coils @ meshed.eigen[1], measured(meshed))
-        restoring += meshed.tuning_stiffness(factors)
+        restoring += meshed.tuning_stiffness(modal_factors(structure.tuning, measured(meshed), meshed.n))
         linear = replace(linear, K=linear.K + restoring)
-    ratios = modal_ratios(structure.damping, coils @ linear.eigen[1], measured(linear))
-    dampers = modal_dampers(linear, ratios) if damped else []
+    dampers = modal_dampers(linear, modal_ratios(structure.damping, measured(linear), linear.n)) if damped else []
     if dampers:
         rows = np.array([damper.row for damper in dampers])
         dissipation = np.asarray(rows.T * [damper.damping for damper in dampers] @ rows)

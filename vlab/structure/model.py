@@ -379,6 +379,22 @@ class Structure:
         if np.any(np.abs(offset) > 1e-9 * length) or np.any(np.diff(station) <= 0):
             raise BadStructure(f"bar {bar.name!r} is not straight with its points in order: {', '.join(bar.points)}")
 
+    @property
+    def has_modes_of_fe(self) -> bool:
+        """Whether the physical plant has modes of the FE model."""
+        return self.tuning is not None and self.tuning.of_fe > 0
+
+    @property
+    def coil_places(self) -> list[str]:
+        """Point of every coil in order."""
+        return [coil.at for coil in self.coil]
+
+    @property
+    def transducer_places(self) -> list[str]:
+        """Every point with a coil, sensor or probe, once."""
+        places = self.coil_places + [s.at for s in (*self.sensor, *self.probe)]
+        return list(dict.fromkeys(places))
+
     def section_between(self, bar: Bar, a: str, b: str) -> Section:
         """Return the section of a bar between two of its points.
 
@@ -402,26 +418,15 @@ class Structure:
         low, high = sorted((bar.points.index(a), bar.points.index(b)))
         pieces = list(pairwise(bar.points[low : high + 1]))
         lengths = [float(np.hypot(*np.subtract(self.position(q), self.position(p)))) for p, q in pieces]
-        spans = [self._deviation(bar, p, q) for p, q in pieces]
+        spans = [self.deviation(bar.name, p, q) for p, q in pieces]
         mass = sum(length * span.mass for length, span in zip(lengths, spans, strict=True))
         flexibility = sum(length / span.stiffness for length, span in zip(lengths, spans, strict=True))
         return section.scaled(stiffness=sum(lengths) / flexibility, mass=mass / sum(lengths))
 
-    def _deviation(self, bar: Bar, a: str, b: str) -> Span:
+    def deviation(self, bar: str, a: str, b: str) -> Span:
         """Return the deviation between two neighbouring points; factors of one for none."""
-        own = (span for span in self.span if span.bar == bar.name and set(span.between) == {a, b})
-        return next(own, Span(name=f"{bar.name}:{a}-{b}", bar=bar.name, between=(a, b)))
-
-    @property
-    def coil_places(self) -> list[str]:
-        """Point of every coil in order."""
-        return [coil.at for coil in self.coil]
-
-    @property
-    def transducer_places(self) -> list[str]:
-        """Every point with a coil, sensor or probe, once."""
-        places = self.coil_places + [s.at for s in (*self.sensor, *self.probe)]
-        return list(dict.fromkeys(places))
+        own = (span for span in self.span if span.bar == bar and set(span.between) == {a, b})
+        return next(own, Span(name=f"{bar}:{a}-{b}", bar=bar, between=(a, b)))
 
     def position(self, point: str) -> tuple[float, float]:
         """Return the position (x, z) of a point or plate [m].

@@ -113,9 +113,7 @@ class ScoreTest:
     def _linearise(self) -> None:
         """Filter all runs at the current parameters and regress the innovations."""
         periods = sorted({run.h for run in self.runs})
-        M, C, K, self.actuator_gain, self.sensor_gain = (
-            part[0] for part in self.reduced_model.matrices(self.theta[None])
-        )
+        M, C, K, _, self.sensor_gain = (part[0] for part in self.reduced_model.matrices(self.theta[None]))
         forces, rows = self.reduced_model.forces_at(self.theta[None])[0], self.reduced_model.rows_at(self.theta)
         self.now = replace(self.reduced_model, M=M, C=C, K=K, forces=forces, rows=rows)
         self.groups = [self._group([run for run in self.runs if run.h == h]) for h in periods]

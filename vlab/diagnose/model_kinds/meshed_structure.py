@@ -101,9 +101,9 @@ class MeshedStructure(ModelKind):
 
     def with_coupled_modes(self, plant: Plant, modes: KeptModes) -> KeptModes:
         """See `ModelKind`; the silent modes that move the structure's points, as of arms in opposition."""
-        if self.structure.tuning is None or not self.structure.tuning.of_fe:
+        if not self.structure.has_modes_of_fe:
             return modes  # no deviating arm couples them
-        points = [p.name for p in self.structure.point if p.name in plant.ports]
+        points = plant.points_of(self.structure)
         motion = np.abs(plant.port_rows(points) @ modes.shapes).max(axis=0)
         most = motion[modes.kept].max(initial=0.0)
         below = np.abs(modes.omega) <= np.abs(modes.omega[modes.kept]).max(initial=0.0)
@@ -196,5 +196,5 @@ class MeshedStructure(ModelKind):
 
     def _carried(self, plant: Plant, fe: FeModel, omega: Array, shapes: Array) -> Array:
         """Return FE coordinates per modal coordinate of the plant."""
-        points = [p.name for p in self.structure.point if p.name in plant.ports]
+        points = plant.points_of(self.structure)
         return carried(fe, plant.port_rows(points) @ shapes, omega, points)

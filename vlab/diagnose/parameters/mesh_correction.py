@@ -38,7 +38,7 @@ def with_modes_of_fe(case: Case, structure: Structure) -> Case:
     table = case.table.model
     if table.plant != PHYSICAL or not case.recordings(("fit",)):
         return case
-    if structure.tuning is not None and structure.tuning.of_fe:
+    if structure.has_modes_of_fe:
         return case
     fe = build_fe_model(replace(structure, tuning=None), table.variant)
     freq = fe.linear.freq[fe.measured]

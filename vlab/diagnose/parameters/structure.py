@@ -17,7 +17,7 @@ from vlab.plants.base import Plant, named_sensors
 from vlab.plants.build import build_plant
 from vlab.signals import Array
 from vlab.structure.discretisation import Tuning
-from vlab.structure.model import Span, Structure
+from vlab.structure.model import Structure
 
 Edit = Callable[[Structure, float], Structure]
 """Function of a structure and a factor, or of a structure and a sensor shift [m]."""
@@ -95,7 +95,7 @@ def structure_parameters(
         ``[model.uncertain]`` names a parameter that does not exist.
     """
     usual = {**MJCF_PRIORS.default_sd, **STRUCTURE_PRIORS.structure_sd}
-    if structure.tuning is not None and structure.tuning.of_fe:
+    if structure.has_modes_of_fe:
         usual["frequency"] = STRUCTURE_PRIORS.of_fe_sd
     sd = {kind: given.get(kind, default) for kind, default in usual.items()}
     out = [*_sections(structure, sd), *_masses_and_tensions(structure, sd), *_dampings(structure, sd["damping"])]
@@ -109,7 +109,7 @@ def structure_parameters(
         out.append(
             StructureUncertain(name=f"sensor:{name.removeprefix('sensor:')}", kind="sensor", sd=sd["sensor"], sensor=i)
         )
-    if structure.tuning is not None and structure.tuning.of_fe:
+    if structure.has_modes_of_fe:
         out += _places(structure, sensors, sd["place"])
         out += _coil_places(structure, actuators, sd["place"])
         out += _spans(structure, sd)
@@ -196,9 +196,7 @@ def _spans(structure: Structure, sd: Mapping[str, float]) -> list[StructureUncer
 
 def _span(bar: str, a: str, b: str, what: str) -> Edit:
     def edit(structure: Structure, factor: float) -> Structure:
-        old = next((s for s in structure.span if s.bar == bar and set(s.between) == {a, b}), None)
-        if old is None:
-            old = Span(name=f"{bar}:{a}-{b}", bar=bar, between=(a, b))
+        old = structure.deviation(bar, a, b)
         new = replace(old, **{what: getattr(old, what) * factor})
         return replace(structure, span=(*(s for s in structure.span if s is not old), new))
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import chain, islice
 
 import numpy as np
@@ -55,6 +56,12 @@ class Trials:
         """Return the trials with all models changed."""
         return replace(self, before=change(self.before), nominal=change(self.nominal), change=change)
 
+    @cached_property
+    def _spread(self) -> list[dict[str, float]]:
+        """Spread of the channels of every run over all recordings."""
+        everything = [*self.problem.runs, *(run for run in self.runs if run not in self.problem.runs)]
+        return [spread_over(everything, run) for run in self.runs]
+
     def of(self, fit: Fit, terms: Sequence[Finding]) -> Attempt:
         """Return the errors of a fit and the data findings.
 
@@ -84,9 +91,7 @@ class Trials:
             band_hz=problem.model_kind.predicted_band(problem.highest_hz),
             cache=self.cache,
         )
-        everything = [*problem.runs, *(run for run in self.runs if run not in problem.runs)]
-        spread = [spread_over(everything, run) for run in self.runs]
-        own = (replace(c, spread=s) for c, s in zip(checked, spread, strict=True))
+        own = (replace(c, spread=s) for c, s in zip(checked, self._spread, strict=True))
         return Attempt(findings=findings, fit=fit, checked=tuple(own))
 
     def on_fitted(self, fit: Fit, findings: Sequence[Finding]) -> tuple[Checked, ...]:

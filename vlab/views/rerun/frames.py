@@ -49,7 +49,7 @@ class Motion:
         cls, structure: Structure, plant: Plant, result: Result, *, since: int = 0, until: int | None = None
     ) -> "Motion":
         """Return points' motion at configurations from `since` to `until`."""
-        names, part = tuple(p.name for p in structure.point if p.name in plant.ports), slice(since, until)
+        names, part = tuple(plant.points_of(structure)), slice(since, until)
         deflections = port_deflections(plant, result.frames[part], names)
         times, steps = result.frame_times[part], frame_steps(result)[part]
         return cls(names=names, times=times, steps=steps, deflections=deflections)

@@ -35,7 +35,7 @@ class ModalScene:
 
     def __init__(self, structure: Structure, plant: Plant) -> None:
         linear = plant.linearise()
-        names = [p.name for p in structure.point if p.name in plant.ports]
+        names = plant.points_of(structure)
         shapes = linear.eigen[1]
         at_points = plant.port_rows(names) @ shapes
         modes = driven_modes(at_points)[: len(structure.damping.ratios)]
