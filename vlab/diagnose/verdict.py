@@ -402,12 +402,14 @@ def _follows(checked: Sequence[Checked], *, model_kind: ModelKind, is_plausible:
 def _is_shown_within_model_error(choice: Choice, checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
     """Return whether an effect stands out within the model error.
 
-    Evidence beyond chance and every hold-out recording must show the effect. Beside mesh error any effect gains.
+    Evidence beyond chance and every hold-out recording must show the effect. Beside mesh error any effect gains. A linear
+    effect of that size absorbs the error of a linear model, as a mode with a slightly wrong frequency.
     """
     is_mismatch = model_kind.is_mismatch(total(checked, "before"), total(checked, "noise"))
     is_held_out = all(run.role == "holdout" for run in checked)
     is_sought = is_held_out and not is_mismatch and not model_kind.has_mesh_error
-    return is_sought and bool(choice.best.terms) and choice.gained > 0 and explains_part(checked)
+    is_nonlinear = any(not is_linear(term.effect) for term in choice.best.terms)
+    return is_sought and is_nonlinear and choice.gained > 0 and explains_part(checked)
 
 
 def decide_verdict(
@@ -426,8 +428,8 @@ def decide_verdict(
 
     A residual counts as coloured noise only beside a calibrated model with plausible parameters. Implausible parameters
     show that the model lacks something, and short recordings show the coherence of a residual poorly. A residual within noise
-    and mesh error shows no linear element: wrong masses and stiffnesses of a mesh act like one. An effect within the model
-    error of other kinds is a partial explanation if the evidence shows it. Nothing is missing only if the fitted recordings are
+    and mesh error shows no linear element: wrong masses and stiffnesses of a mesh act like one. A nonlinear effect within
+    the model error of other kinds is a partial explanation if the evidence shows it. Nothing is missing only if the fitted recordings are
     explained as well, since a hold-out recording may not excite what is missing.
 
     Parameters
