@@ -1,5 +1,6 @@
 """Cases that are stated badly or unevenly: hold-outs without a channel, silence, short records, names that mean nothing."""
 
+import mujoco
 import numpy as np
 import pytest
 from rig_folder import Channel, Record, write_case
@@ -92,10 +93,11 @@ def test_what_a_sensor_reads_at_rest_beyond_the_model_is_taken_off_and_said(tmp_
 
     case, found = remove_static_offsets(write(tmp_path, [run(0.5), run(0.5)]))
     assert [(s.channel, s.unit) for s in found] == [("x", "m")]
-    assert found[0].value == pytest.approx(0.5 + np.mean(0.01 * SWEEP))
-    assert "reads 0.5005 m more at rest" in found[0].line
+    deflection = np.mean(SWEEP) * 300 / (1200 * 700 - 300**2)  # of b under a mean force on a: the inverse of K
+    assert found[0].value == pytest.approx(0.5 + np.mean(0.01 * SWEEP) - deflection)
+    assert "reads 0.5004 m more at rest" in found[0].line
     for measured in (r.measured for r in case.runs()):
-        assert abs(measured["x"].mean()) < 1e-12
+        assert measured["x"].mean() == pytest.approx(deflection)
         np.testing.assert_allclose(measured["v"], 0.1 * SWEEP)
     for files in ([run(0.01), run(0.01)], [run(0.5), run(0.4)]):  # within the motion; not the same in all recordings
         case = write(tmp_path, files)
@@ -106,6 +108,46 @@ def test_what_moves_freely_or_turns_stands_where_it_stands(tmp_path):
     run = ("fit", ALL, (SWEEP, 0.01 * SWEEP + 0.5, 0.1 * SWEEP))
     free = RIG.replace('stiffness="900"', "").replace('stiffness="400"', "")
     assert remove_static_offsets(write(tmp_path, [run], rig=free))[1] == ()
+
+
+HELD = """
+<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <body>
+      <joint name="arm" axis="0 1 0" damping="2" armature="0.1"/>
+      <geom type="capsule" fromto="0 0 0 0 0 -0.5" size="0.02" mass="2"/>
+    </body>
+  </worldbody>
+  <actuator><position name="servo" joint="arm" kp="400" kv="20"/></actuator>
+  <sensor><jointpos name="angle" joint="arm"/><actuatorfrc name="effort" actuator="servo"/></sensor>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("wrong", [0.0, 20.0])
+def test_the_effort_of_a_servo_that_holds_a_pose_is_no_static_offset(tmp_path, wrong):
+    """At 1 rad gravity takes 4 N m of the drive, ten times what a motion of 0.1 rad adds; the model hangs at zero."""
+    command = 1.0 + 0.1 * np.sin(2 * np.pi * 0.5 * TIME)
+    model = mujoco.MjModel.from_xml_string(HELD)
+    data = mujoco.MjData(model)
+    data.qpos[0] = 1.0
+    read = []
+    for value in command:
+        data.ctrl[0] = value
+        mujoco.mj_step(model, data)
+        read.append(data.sensordata.copy())
+    angle, effort = np.array(read).T
+    channels = [
+        Channel(column="u", at="servo", kind="command", unit="rad", is_input=True, hold="zero"),
+        Channel(column="angle", at="angle", kind="angle", unit="rad"),
+        Channel(column="effort", at="effort", kind="moment", unit="N m"),
+    ]
+    columns = {"u": command, "angle": angle, "effort": effort + wrong}
+    record = Record(name="held", role="fit", columns=columns, rate_hz=500.0, initial="auto")
+    write_case(tmp_path, title="held", mjcf=HELD, uncertain={}, channels=channels, records=[record])
+    found = remove_static_offsets(load_case(tmp_path))[1]
+    assert [offset.channel for offset in found] == (["effort"] if wrong else [])
 
 
 def test_the_search_looks_where_a_long_record_moves():

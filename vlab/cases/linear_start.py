@@ -11,7 +11,7 @@ from vlab.cases.replay_bench import Bench, Loads, State, bench_for
 from vlab.cases.replay_inputs import before
 from vlab.errors import BadCase
 from vlab.fe.second_order import SecondOrderModel
-from vlab.plants.base import without_limits
+from vlab.plants.base import Plant, without_limits
 from vlab.signals import Array
 
 MOST_MODES = 8
@@ -126,7 +126,7 @@ def _responses(problem: StartProblem, omega: Array, linear: SecondOrderModel) ->
     shapes, scale, m, window = problem.shapes, problem.scale, len(omega), problem.run
     damping = shapes.T @ linear.C @ shapes
     A = np.block([[np.zeros((m, m)), np.eye(m)], [-np.diag(np.sign(omega) * omega**2), -damping]])
-    forces, direct = _input_matrices(problem)
+    forces, direct = input_matrices(problem.bench.plant, window)
     B = np.vstack([np.zeros((m, forces.shape[1])), shapes.T @ forces])
     C = _output_matrix(problem)
     time, names = window.measured.time, [d.channel for d in window.drives]
@@ -212,27 +212,38 @@ def _values(
     return bench.values(compared, bench.sensors())
 
 
-def _input_matrices(problem: StartProblem) -> tuple[Array, Array]:
+def input_matrices(plant: Plant, run: Run) -> tuple[Array, Array]:
     """Return the drives' generalised forces and direct feedthrough.
 
-    Shapes: (nv, inputs) and (channels, inputs).
+    Parameters
+    ----------
+    plant : Plant
+        Plant.
+    run : Run
+        Recording with drives and compared channels.
+
+    Returns
+    -------
+    forces : (nv, n_drives) array
+        Generalised forces per unit input about rest.
+    direct : (n_channels, n_drives) array
+        Channels per unit input, without motion [SI].
     """
-    window = problem.run
-    plant = without_limits(problem.bench.plant)  # a unit command may exceed the limits
-    bench = bench_for(plant, window)
+    plant = without_limits(plant)  # a unit command may exceed the limits
+    bench = bench_for(plant, run)
     data, of_commands = plant.new_data(), plant.actuator_forces()
-    rest = bench.rest_values(problem.run.compared)
-    forces = np.zeros((bench.model.nv, len(window.drives)))
-    direct = np.zeros((rest.size, len(window.drives)))
+    rest = bench.rest_values(run.compared)
+    forces = np.zeros((bench.model.nv, len(run.drives)))
+    direct = np.zeros((rest.size, len(run.drives)))
     still = np.zeros(bench.model.nu)
-    for i, drive in enumerate(window.drives):
+    for i, drive in enumerate(run.drives):
         if drive.port:
             port = plant.port(drive.port)
             forces[:, i] = port.row(data)
-            pair = [_values(bench, problem.run.compared, bench.rest, still, [(port, load)]) for load in (1.0, 0.0)]
+            pair = [_values(bench, run.compared, bench.rest, still, [(port, load)]) for load in (1.0, 0.0)]
             direct[:, i] = pair[0] - pair[1]
         elif drive.actuator is not None:
             forces[:, i] = of_commands[:, drive.actuator]
             ctrl = plant.control_matrix[:, drive.actuator]
-            direct[:, i] = _values(bench, problem.run.compared, bench.rest, ctrl) - rest
+            direct[:, i] = _values(bench, run.compared, bench.rest, ctrl) - rest
     return forces, direct
