@@ -78,6 +78,11 @@ def test_a_partial_explanation_improves_every_recording():
     assert explains_most([distance(**half)])
     assert not explains_part([distance(**{**half, "log_ratios": BETTER - 1.0})])  # one block carries the difference
     assert not explains_part([distance(**half, bare=0.2)])  # its calibration alone does as much
+    close, far = {**half, "nominal": 0.3, "calibrated": 0.03}, {**half, "nominal": 1.3, "calibrated": 1.3}
+    friction = [distance(**{**far, "after": 0.15, "log_ratios": np.tile(3.0 * BETTER, 2)})]
+    other_day = {**close, "log_ratios": -0.2 * BETTER}  # this friction is another day's, still within 5 % of the motion
+    assert explains_part([*friction, distance(**{**other_day, "after": 0.05})])
+    assert not explains_part([*friction, distance(**{**other_day, "after": 0.2})])  # worse than on average
     assert not explains_part([])
 
 
