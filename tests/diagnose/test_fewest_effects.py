@@ -85,3 +85,6 @@ def test_improbable_families_are_left_out_where_the_rest_stands():
     assert left.effect.name == FRICTION
     assert held.probable(best, of, refit, lambda fit: [], lambda a: False) is best
     assert held.probable(best, choice(iwan_slip=0.9), refit, lambda fit: [], lambda a: True) is best
+    weak = choice(coulomb_friction=0.4, iwan_slip=0.6)  # another family, but of the attempt's effects this one leads
+    (left,) = held.probable(best, weak, refit, lambda fit: [], lambda a: True).fit.terms
+    assert left.effect.name == FRICTION

@@ -188,6 +188,8 @@ class Trials:
     ) -> Attempt:
         """Return an attempt without effects that hardly any probable hypothesis has.
 
+        Improbable effects leave together if the rest stands, otherwise the least probable ones.
+
         Parameters
         ----------
         attempt : Attempt
@@ -204,14 +206,18 @@ class Trials:
         Returns
         -------
         Attempt
-            Refitted attempt with families of more than half of the posterior; `attempt` itself if that does not stand.
+            Refitted attempt whose families have more than half of the posterior each, as far as fewer effects stand.
         """
-        terms = [term for term in attempt.fit.terms if family_share(choice, {term.effect.family}) > 0.5]
-        if len(terms) in (0, len(attempt.fit.terms)):
-            return attempt
-        fit = refit(terms, attempt.fit)
-        fewer = self.of(fit, findings_of(fit))
-        return fewer if stands(fewer) else attempt
+        all_terms = attempt.fit.terms
+        shares = [family_share(choice, {term.effect.family}) for term in all_terms]
+        improbable = [k for k in np.argsort(shares, kind="stable") if shares[k] <= 0.5 and shares[k] < max(shares)]
+        for count in range(len(improbable), 0, -1):
+            terms = [term for k, term in enumerate(all_terms) if k not in improbable[:count]]
+            fit = refit(terms, attempt.fit)
+            fewer = self.of(fit, findings_of(fit))
+            if stands(fewer):
+                return fewer
+        return attempt
 
 
 def without_useless(
