@@ -27,7 +27,7 @@ class Design(Protocol):
 
     @property
     def state_gain(self) -> Array:
-        """Gain F of u = -F x, or of u = -F x_est, (n_c, 2n)."""
+        """Gain F of u = -F x or u = -F x_est, (n_c, 2n)."""
 
     @property
     def filter_gain(self) -> Array | None:

@@ -1,4 +1,4 @@
-"""Which effects no experiment of the kind in a case can tell apart: the one table of equivalence classes.
+"""Equivalence classes: effects that no experiment of a case can tell apart.
 
 These are the limits that no algorithm removes, whatever the tool says of itself. An answer is in the right class if it
 names an effect that the table puts with the true one under the conditions of the case. What the tool itself says that it
@@ -70,7 +70,7 @@ TABLE: tuple[Alike, ...] = (
 
 
 def right_class(truth: dict[str, Any], hidden: dict[str, Any]) -> set[str]:
-    """Return all effects that are right answers in class to something hidden in a case."""
+    """Return all effects of the class of a hidden effect."""
     names = set(hidden["accepted"])
     out = set(names)
     for row in TABLE:
@@ -86,7 +86,10 @@ def right_class(truth: dict[str, Any], hidden: dict[str, Any]) -> set[str]:
 
 
 def _phase(truth: dict[str, Any], hidden: dict[str, Any]) -> float:
-    """Return the phase [rad] that what is hidden turns at the highest frequency; infinite where it is no time alone."""
+    """Return the phase of a hidden delay at the highest frequency [rad].
+
+    The phase is infinite for effects other than a pure time.
+    """
     times = [hidden["parameters"].get(name) for name in ("delay", "time_constant")]
     known = [abs(time) for time in times if time is not None]
     return 2 * np.pi * BAND_HZ[truth["bench"]] * known[0] if len(known) == 1 else np.inf

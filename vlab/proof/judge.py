@@ -131,7 +131,7 @@ def _is_claimed(hidden: dict[str, Any], finding: dict[str, Any]) -> bool:
 
 
 def _meant(truth: dict[str, Any], first: dict[str, Any] | None, hidden: list[dict[str, Any]]) -> dict[str, Any] | None:
-    """Return the hidden thing that a finding speaks of: the one it names, else in class; None for neither."""
+    """Return the hidden effect that a finding names, or one of its class."""
     if first is None:
         return None
     named = [h for h in hidden if first["effect"] in h["accepted"]]
@@ -193,7 +193,7 @@ def _parameters(first: dict[str, Any] | None, hidden: dict[str, Any] | None) -> 
 
 
 def _comparable(given: dict[str, Any], true: dict[str, float]) -> tuple[dict[str, Any], dict[str, float]]:
-    """Return parameters under the same names: what has no steady phase is known by its amplitude."""
+    """Return parameters under the same names; without steady phase, the amplitude."""
     if "amplitude" in given and {"sine", "cosine"} <= set(true):
         rest = {name: value for name, value in true.items() if name not in ("sine", "cosine")}
         return given, {"amplitude": float(np.hypot(true["sine"], true["cosine"])), **rest}

@@ -1,4 +1,4 @@
-"""The score of a campaign: every measure with its count, exact interval and target."""
+"""Score of a campaign: measures with counts, exact intervals and targets."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -39,7 +39,10 @@ def score(judged: Sequence[Judged]) -> dict[str, Any]:
 
 
 def measures(judged: Sequence[Judged]) -> list[dict[str, Any]]:
-    """Return the rows of the table: measure, value, count, interval, target, whether it is met, and whether the whole interval is."""
+    """Return the rows of the table of measures.
+
+    A row has measure, value, count, interval, target, whether the target is met, and whether the whole interval meets it.
+    """
     known = [j for j in judged if j.suite in HEADLINE and j.in_library]
     named = [j for j in known if j.verdict == NAMED]
     nulls = [j for j in judged if j.suite == "null"]
@@ -128,7 +131,7 @@ def _rate(
 
 
 def _grouped(name: str, groups: Sequence[Sequence[bool]], **target: float) -> dict[str, Any]:
-    """Return a row of truth values that come in groups which are right or wrong together."""
+    """Return a row of truth values that come in dependent groups."""
     flags = [flag for group in groups for flag in group]
     return _rate(name, flags, **target, interval=clustered_interval(groups))
 
@@ -182,7 +185,9 @@ def confusion(judged: Sequence[Judged]) -> dict[str, dict[str, int]]:
 
 
 def detection(judged: Sequence[Judged]) -> dict[str, dict[str, Any]]:
-    """Return the detection limits of every effect that was hidden alone in a rig, and of all together under ``"all"``.
+    """Return the detection limits of every effect hidden alone in a rig.
+
+    The entry ``"all"`` has those of all effects together.
 
     They are those of being named in class, and under ``"noticed"`` those of any verdict but nothing-missing. Of the two
     structures the size says nothing: it is measured with the generator's fine mesh, what the nominal one leaves is on top.
@@ -223,7 +228,9 @@ def _worst(j: Judged) -> dict[str, Any]:
 
 
 def baseline_rows(judged: Sequence[Judged], answers: dict[str, Any], truths: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return what simpler methods make of the cases in which something of the library is hidden, and the diagnosis of the same ones.
+    """Return answers of simpler methods to the cases with an effect of the catalogue.
+
+    The diagnosis of the same cases stands beside them.
 
     A method that names nothing has no right class; one that simulates nothing has no gap.
     """

@@ -54,7 +54,9 @@ def rate(flags: Sequence[bool]) -> Rate:
 
 
 def clustered_interval(groups: Sequence[Sequence[bool]]) -> tuple[float, float]:
-    """Return the 95 % interval of a rate whose truth values come in groups that are not independent; 0 to 1 of nothing.
+    """Return the 95 % interval of a rate with dependent groups of truth values.
+
+    Without values the interval is 0 to 1.
 
     Whole groups are drawn with replacement, as parameters of one fit are right or wrong together.
     """
@@ -74,7 +76,10 @@ def brier(probability: Sequence[float], outcome: Sequence[bool]) -> float | None
 
 
 def calibration(probability: Sequence[float], outcome: Sequence[bool]) -> tuple[float | None, list[dict[str, float]]]:
-    """Return the expected calibration error over ten even bins, and the curve: per bin its mean probability and rate."""
+    """Return the expected calibration error over ten even bins, and the curve.
+
+    The curve has the mean probability and the rate of each bin.
+    """
     p, hit = np.asarray(probability, dtype=float), np.asarray(outcome, dtype=float)
     if not p.size:
         return None, []
@@ -92,7 +97,9 @@ def calibration(probability: Sequence[float], outcome: Sequence[bool]) -> tuple[
 
 
 def detection_limit(size: Sequence[float], detected: Sequence[bool]) -> dict[str, Any]:
-    """Fit how detection grows with the logarithm of size, and return the sizes at 50 % and 90 % with their 95 % intervals.
+    """Return the sizes detected at 50 % and 90 % with their 95 % intervals.
+
+    Detection is fitted as a function of the logarithm of size.
 
     None where there are too few cases, or where detection does not grow with size in them; a limit outside the sizes that
     were tried is given as the nearest of them, with its side under ``"beyond"``, and intervals end there.
@@ -132,7 +139,10 @@ def detection_limit(size: Sequence[float], detected: Sequence[bool]) -> dict[str
 
 
 def _limits(x: Any, hit: Any) -> Any:
-    """Return the logarithms of the sizes at which 50 % and 90 % are detected; infinite where detection does not grow with size."""
+    """Return the logarithms of the sizes detected at 50 % and 90 %.
+
+    They are infinite where detection does not grow with size.
+    """
     if hit.all() or not hit.any():
         return np.full(2, -np.inf if hit.all() else np.inf)
     centre, spread = x.mean(), max(x.std(), 1e-9)

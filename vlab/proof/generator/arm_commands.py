@@ -152,7 +152,7 @@ def received(commands: Array, ways: Mapping[str, Array], *, step: float, substep
 
 @compiled
 def _profile(target: Array, most: float, bend: float) -> Array:
-    """Return a target with a limited slope and a limited change of slope per step."""
+    """Return a target of limited slope and limited change of slope."""
     out = np.empty_like(target)
     at, rate = target[0], 0.0
     for i in range(len(target)):

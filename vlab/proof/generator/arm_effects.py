@@ -57,7 +57,7 @@ def _everywhere(each: list[dict[str, float]]) -> Action:
 
 
 def _rated(s: float, p: Shapes, at: ServoScale) -> list[float]:
-    """Return the friction of every joint, as a share of what its drive can give."""
+    """Return the friction of every joint as a share of its drive's force."""
     return [float(s * one.limit * x) for x, one in zip(_spread(p, len(at.each)), at.each, strict=True)]
 
 

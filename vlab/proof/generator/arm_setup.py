@@ -1,4 +1,4 @@
-"""Arm with drives, clock and log: true readings under commands, and sizes of its signals."""
+"""Arm with drives, clock and log; true readings and sizes of signals."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

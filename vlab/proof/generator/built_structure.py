@@ -186,7 +186,7 @@ def _built(name: str, factors: Mapping[str, float], shifts: Mapping[str, float])
 
 
 def _is_attached(structure: Structure, bar: Bar, point: str) -> bool:
-    """Return whether a point of a bar has another bar, a plate or a bearing."""
+    """Return whether a point of a bar has an attachment."""
     others = any(point in other.points for other in structure.bar if other.name != bar.name)
     held = [*(plate.at for plate in structure.plate), *(support.at for support in structure.support)]
     return others or point in held

@@ -245,7 +245,7 @@ def _applied(blueprint: Blueprint, recordings: Plan, chance: np.random.Generator
 
 
 def _noise(blueprint: Blueprint, rng: np.random.Generator) -> tuple[str, float]:
-    """Draw the level of the noise; return its name and its share of the signals."""
+    """Draw the noise level; return its name and share of the signals."""
     if blueprint.noise_db is None:
         level = str(rng.choice(list(NOISE)))
         return level, NOISE[level]

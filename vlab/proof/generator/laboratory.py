@@ -1,4 +1,4 @@
-"""Beam and hanging grid on a fine mesh of `vlab.fe`, as sealed cases were made.
+"""Beam and hanging grid on a fine mesh of `vlab.fe`.
 
 The diagnosed plants come from the same FE code. New cases are made by `vlab.proof.generator.built_structure`, which
 shares no code with the plants. This source remains because sealed cases must be regenerated bit for bit. The mesh is at

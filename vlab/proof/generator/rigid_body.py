@@ -1,4 +1,6 @@
-"""Equations of motion of a serial chain of turning joints: recursive Newton-Euler, composite rigid bodies.
+"""Equations of motion of a serial chain of hinge joints.
+
+Methods: recursive Newton-Euler and composite rigid bodies.
 
     M(q) q'' + b(q, q') = tau
 

@@ -138,7 +138,7 @@ class Machine:
         return out
 
     def march_coarsely(self, commands: Array, step: float, substeps: int, *, is_servo_implicit: bool) -> Array:
-        """Return the motion of ideal drives in steps of first order, as simulators take them.
+        """Return the motion of ideal drives in first-order steps of a simulator.
 
         The rates at the end of a step move the angles [1]_. Dampers of the joints are implicit.
 
@@ -198,7 +198,7 @@ def _drive(u: float, x: float, rate: float, total: float, load: float, t: float,
 
 @compiled
 def _passed(s: float, rate: float, d: Array) -> tuple[float, float]:
-    """Return the moment of a train at a deflection, and its slope by the rate."""
+    """Return the moment of a gear train and its slope by the rate."""
     beyond = s - within(s, -d[_GAP], d[_GAP])
     T = d[_TK] * beyond + d[_TC] * rate
     if d[_GAP] > 0.0 and T * beyond <= 0.0:  # within the play; and a tooth does not pull

@@ -1,4 +1,4 @@
-"""Finite elements of a laboratory structure as built, with properties that vary along its bars.
+"""Finite elements of a laboratory structure with varying bars.
 
 The elements are hierarchic Timoshenko beams, one to a span, see `vlab.proof.generator.beam_elements`. Cables are strings
 under their own weight. Gravity acts through the tension of vertical bars, through the resultants of a hung frame, and
@@ -46,7 +46,7 @@ class Variation:
     values: Mapping[str, float]
 
     def factor(self, *names: str) -> float:
-        """Return the product of the factors of some names; a missing name counts as 1."""
+        """Return the product of named factors; a missing name counts as 1."""
         return float(np.exp(sum(self.values.get(name, 0.0) for name in names)))
 
     def along(self, kind: str, bar: str, share: Array) -> Array:
@@ -159,7 +159,7 @@ class BuiltStructure:
 
 
 def direction(structure: Structure, start: str, end: str) -> tuple[float, float, float]:
-    """Return the unit vector (x, z) from a point to another, and their distance [m]."""
+    """Return unit vector (x, z) and distance [m] between two points."""
     (x0, z0), (x1, z1) = structure.position(start), structure.position(end)
     length = float(np.hypot(x1 - x0, z1 - z0))
     return (x1 - x0) / length, (z1 - z0) / length, length
