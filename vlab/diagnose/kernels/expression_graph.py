@@ -37,6 +37,104 @@ in_any_order = compiled(error_model="numpy", fastmath={"reassoc", "contract"})
 
 
 @in_any_order
+def _drive(inputs: Array, into: Array, acting: Array, drive: Array) -> None:  # pragma: no cover - compiled
+    """Write the inputs of a step by lane, and their effect on the state.
+
+    The inputs have shape (1 or n_sets, n_runs, n_inputs).
+    """
+    n_sets, n_runs, n_inputs = inputs.shape
+    size, lanes = drive.shape
+    for e in range(lanes):
+        of = min(e // n_runs, n_sets - 1)
+        for i in range(n_inputs):
+            acting[i, e] = inputs[of, e % n_runs, i]
+    drive[:] = 0.0
+    for i in range(n_inputs):
+        for j in range(size):
+            for e in range(lanes):
+                drive[j, e] += acting[i, e] * into[i, j, e]
+
+
+@in_any_order
+def _read(rows: Array, direct: Array, state: Array, acting: Array, y: Array) -> None:  # pragma: no cover - compiled
+    """Write the channels of a sample without the feedthrough of laws."""
+    channels, lanes = y.shape
+    for c in range(channels):
+        for e in range(lanes):
+            y[c, e] = 0.0
+        for j in range(len(state)):
+            for e in range(lanes):
+                y[c, e] += state[j, e] * rows[c, j, e]
+        for i in range(len(acting)):
+            for e in range(lanes):
+                y[c, e] += acting[i, e] * direct[i, c, e]
+
+
+@in_any_order
+def _step(turn: Array, dense: Array, drive: Array, held: Array, state: Array) -> None:  # pragma: no cover - compiled
+    """Step the state in place, in modal form unless step matrices are given."""
+    size, lanes = state.shape
+    m = size // 2
+    if dense.shape[0] > 0:
+        for j in range(m):
+            for e in range(lanes):
+                held[j, e] = state[j, e]
+                state[j, e] = 0.0
+        for i in range(m):
+            for j in range(m):
+                for e in range(lanes):
+                    state[j, e] += held[i, e] * dense[i, j, e]
+    else:
+        for j in range(m):
+            for e in range(lanes):
+                x = state[j, e]
+                state[j, e] = x * turn[0, j, e] - state[m + j, e] * turn[1, j, e]
+                state[m + j, e] = x * turn[1, j, e] + state[m + j, e] * turn[0, j, e]
+    for j in range(size):
+        for e in range(lanes):
+            state[j, e] += drive[j, e]
+
+
+@in_any_order
+def _see(
+    observed_rows: Array, state: Array, last: Array, after: Array, known: Array
+) -> None:  # pragma: no cover - compiled
+    """Write the port motion of the free step, and the estimated effect of all laws on the motion.
+
+    A force changes little in a step, so the last one estimates the unknown one.
+    """
+    sees, lanes = after.shape
+    for i in range(sees):
+        for e in range(lanes):
+            after[i, e] = 0.0
+            known[i, e] = 0.0
+        for j in range(len(state)):
+            for e in range(lanes):
+                after[i, e] += state[j, e] * observed_rows[i, j, e]
+        for law in range(len(last)):
+            for e in range(lanes):
+                known[i, e] += last[law, i, e]
+
+
+@in_any_order
+def _add(force: Array, effect: Array, out: Array) -> None:  # pragma: no cover - compiled
+    """Add the effect (n, n_lanes) of a force by lane."""
+    for j in range(len(out)):
+        for e in range(len(force)):
+            out[j, e] += force[e] * effect[j, e]
+
+
+@in_any_order
+def _keep_finite(state: Array) -> None:  # pragma: no cover - compiled
+    """Clip a diverged state."""
+    size, lanes = state.shape
+    for j in range(size):
+        for e in range(lanes):
+            x = state[j, e]
+            state[j, e] = MOST if np.isnan(x) else min(max(x, -MOST), MOST)
+
+
+@in_any_order
 def integrate_lanes(
     turn: Array,
     dense: Array,
@@ -96,61 +194,19 @@ def integrate_lanes(
     substeps, h, late = clock
     ports, coils, push, felt, direct_law, results = laws
     operations, bounds, firsts, stored, recalled = graphs
-    n, channels, lanes = y.shape
-    n_inputs, n_runs, size = inputs.shape[4], inputs.shape[3], state.shape[0]
-    m, sees, n_laws = size // 2, seen.shape[0], len(ports)
+    n, _, lanes = y.shape
+    n_runs, sees, n_laws = inputs.shape[3], seen.shape[0], len(ports)
     after, known, held = np.empty_like(seen), np.empty_like(seen), np.empty_like(state)
-    last, acting, drive = np.zeros((n_laws, sees, lanes)), np.empty((n_inputs, lanes)), np.empty_like(state)
+    last, drive = np.zeros((n_laws, sees, lanes)), np.empty_like(state)
+    acting = np.empty((inputs.shape[4], lanes))
     for k in range(n):
         for sub in range(substeps):
             if sub < inputs.shape[1]:
-                for e in range(lanes):
-                    of = min(e // n_runs, inputs.shape[2] - 1)
-                    for i in range(n_inputs):
-                        acting[i, e] = inputs[k, sub, of, e % n_runs, i]
-                drive[:] = 0.0
-                for i in range(n_inputs):
-                    for j in range(size):
-                        for e in range(lanes):
-                            drive[j, e] += acting[i, e] * into[i, j, e]
+                _drive(inputs[k, sub], into, acting, drive)
             if sub == 0:
-                for c in range(channels):
-                    for e in range(lanes):
-                        y[k, c, e] = 0.0
-                    for j in range(size):
-                        for e in range(lanes):
-                            y[k, c, e] += state[j, e] * rows[c, j, e]
-                    for i in range(n_inputs):
-                        for e in range(lanes):
-                            y[k, c, e] += acting[i, e] * direct[i, c, e]
-            if dense.shape[0] > 0:
-                for j in range(m):
-                    for e in range(lanes):
-                        held[j, e] = state[j, e]
-                        state[j, e] = 0.0
-                for i in range(m):
-                    for j in range(m):
-                        for e in range(lanes):
-                            state[j, e] += held[i, e] * dense[i, j, e]
-            else:
-                for j in range(m):
-                    for e in range(lanes):
-                        x = state[j, e]
-                        state[j, e] = x * turn[0, j, e] - state[m + j, e] * turn[1, j, e]
-                        state[m + j, e] = x * turn[1, j, e] + state[m + j, e] * turn[0, j, e]
-            for j in range(size):
-                for e in range(lanes):
-                    state[j, e] += drive[j, e]
-            for i in range(sees):
-                for e in range(lanes):
-                    after[i, e] = 0.0
-                    known[i, e] = 0.0
-                for j in range(size):
-                    for e in range(lanes):
-                        after[i, e] += state[j, e] * observed_rows[i, j, e]
-                for law in range(n_laws):  # a force changes little in a step: the last one estimates the unknown one
-                    for e in range(lanes):
-                        known[i, e] += last[law, i, e]
+                _read(rows, direct, state, acting, y[k])
+            _step(turn, dense, drive, held, state)
+            _see(observed_rows, state, last, after, known)
             for law in range(n_laws):
                 z, v, coil = ports[law], sees // 2 + ports[law], coils[law]
                 own = registers[bounds[law, 0] : bounds[law + 1, 0]]
@@ -168,26 +224,17 @@ def integrate_lanes(
                     for e in range(lanes):
                         own[recalled[i], e] = own[stored[i], e]
                 force = own[results[law]]
-                for j in range(size):
-                    for e in range(lanes):
-                        state[j, e] += force[e] * push[law, j, e]
+                _add(force, push[law], state)
                 for i in range(sees):
                     for e in range(lanes):
                         known[i, e] -= last[law, i, e]
                         last[law, i, e] = force[e] * felt[law, i, e]
                         after[i, e] += last[law, i, e]
                 if sub == 0:
-                    for c in range(channels):
-                        for e in range(lanes):
-                            y[k, c, e] += force[e] * direct_law[law, c, e]
-            for i in range(sees):
-                for e in range(lanes):
-                    seen[i, e] = after[i, e]
+                    _add(force, direct_law[law], y[k])
+            seen[:] = after
         if k % CHECKED == 0 and not np.abs(state).max() < RUNAWAY:
-            for j in range(size):
-                for e in range(lanes):
-                    x = state[j, e]
-                    state[j, e] = MOST if np.isnan(x) else min(max(x, -MOST), MOST)
+            _keep_finite(state)
             last[:] = 0.0
 
 

@@ -154,6 +154,115 @@ def _tables(
 
 
 @in_any_order
+def _step_freely(A: Array, drive: Array, x: Array, free: Array) -> None:  # pragma: no cover - compiled
+    """Write the states after a step without laws."""
+    n_sets, n_windows, size = x.shape
+    for s in range(n_sets):
+        for w in range(n_windows):
+            for a in range(size):
+                total = drive[s, w, a]
+                for b in range(size):
+                    total += A[w, a, b] * x[s, w, b]
+                free[s, w, a] = total
+
+
+@in_any_order
+def _see_port(
+    rows: Array, at_z: Array, at_v: Array, x: Array, free: Array, motion: Array
+) -> None:  # pragma: no cover - compiled
+    """Write the port motion (z0, z1, v0, v1) at both ends of a step, by line.
+
+    The first axis of rows (2, n_lines, m), at_z and at_v (2, n_lines) is the end of the step.
+    """
+    m = rows.shape[2]
+    for i in range(rows.shape[1]):
+        motion[0, i], motion[1, i], motion[2, i], motion[3, i] = at_z[0, i], at_z[1, i], at_v[0, i], at_v[1, i]
+        for a in range(m):
+            before, after = rows[0, i, a], rows[1, i, a]
+            motion[0, i] += x[a] * before
+            motion[2, i] += x[m + a] * before
+            motion[1, i] += free[a] * after
+            motion[3, i] += free[m + a] * after
+
+
+@in_any_order
+def _solve_impedance(
+    impedance: tuple[float, float, float],
+    motion: Array,
+    weight: Array,
+    gain: Array,
+    reach: float,
+    h: float,
+    matrix: Array,
+    force: Array,
+) -> None:  # pragma: no cover - compiled
+    """Write the mean force of mass, damping and stiffness at a port, implicit in its own effect.
+
+    The mean displacement is of the trapezoidal rule with end correction, on a port of one line. Gauss elimination needs no
+    pivoting, since the matrix is near identity.
+    """
+    count = len(weight)
+    mass, damping, stiffness = impedance
+    bend = h / 12.0 if count == 1 else 0.0
+    for i in range(count):
+        z0, z1, v0, v1 = motion[0, i], motion[1, i], motion[2, i], motion[3, i]
+        force[i] = (
+            -mass * ((v1 - v0) / h - weight[i])
+            - 0.5 * damping * (v0 + v1)
+            - stiffness * (0.5 * (z0 + z1) - bend * (v1 - v0))
+        )
+        for a in range(count):
+            matrix[i, a] = (mass / h + 0.5 * damping) * gain[i, a]
+        matrix[i, i] += 1.0
+    if count == 1:
+        matrix[0, 0] += stiffness * (0.5 * reach - h * gain[0, 0] / 12.0)
+    for i in range(count):
+        for a in range(i + 1, count):
+            factor = matrix[a, i] / matrix[i, i]
+            for b in range(i, count):
+                matrix[a, b] -= factor * matrix[i, b]
+            force[a] -= factor * force[i]
+    for i in range(count - 1, -1, -1):
+        for b in range(i + 1, count):
+            force[i] -= matrix[i, b] * force[b]
+        force[i] /= matrix[i, i]
+
+
+@in_any_order
+def _correct_port(own: Array, result: int, gain: Array, reach: Array, h: Array) -> None:  # pragma: no cover - compiled
+    """Add the effect of a law's own force to the mean motion of its port, by lane."""
+    n_windows = len(h)
+    for e in range(own.shape[1]):
+        w = e % n_windows
+        first = own[result, e]
+        own[AT_Z, e] += first * (0.5 * reach[w] - h[w] * gain[w] / 12.0)
+        own[AT_V, e] += 0.5 * gain[w] * first
+
+
+@in_any_order
+def _apply(force: Array, into: Array, out: Array, count: int) -> None:  # pragma: no cover - compiled
+    """Add the effect of a law's force (n_sets, n_windows, n_lines) to states or readings."""
+    for s in range(out.shape[0]):
+        for w in range(out.shape[1]):
+            for i in range(count):
+                for a in range(out.shape[2]):
+                    out[s, w, a] += force[s, w, i] * into[i, w, a]
+
+
+@in_any_order
+def _close_gap(x: Array, defect: Array, is_checked: bool) -> None:  # pragma: no cover - compiled
+    """Subtract the gap between motion and prediction; clip diverged states where checked."""
+    n_sets, n_windows, size = x.shape
+    for s in range(n_sets):
+        for w in range(n_windows):
+            for a in range(size):
+                x[s, w, a] -= defect[min(s, defect.shape[0] - 1), w, a]
+                if is_checked:
+                    now = x[s, w, a]
+                    x[s, w, a] = FAR if np.isnan(now) else min(max(now, -FAR), FAR)
+
+
+@in_any_order
 def _integrate(
     system: tuple[Array, Array, Array],
     steps: int,
@@ -174,104 +283,59 @@ def _integrate(
     into, seen, gain, reach = acting
     lengths, times, commands = clock
     operations, bounds, firsts, stored, recalled = graphs
-    n, n_sets, n_windows, size = drive.shape
-    n_defects = defect.shape[1]
-    m, n_laws, lines = size // 2, len(kinds), rows.shape[2]
+    n, n_sets, n_windows, _ = drive.shape
+    n_laws, lines = len(kinds), rows.shape[2]
     free, force = np.empty_like(x), np.zeros((n_sets, n_windows, lines))
-    z0, z1, v0, v1 = np.zeros(lines), np.zeros(lines), np.zeros(lines), np.zeros(lines)
-    matrix = np.zeros((lines, lines))
+    motion, matrix = np.zeros((4, lines)), np.zeros((lines, lines))
     for k in range(n):
-        for s in range(n_sets):
-            for w in range(n_windows):
-                for a in range(size):
-                    states[k, s, w, a] = x[s, w, a]
+        states[k] = x
         for j in range(steps):
-            for s in range(n_sets):
-                for w in range(n_windows):
-                    for a in range(size):
-                        total = drive[k, s, w, a]
-                        for b in range(size):
-                            total += A[k, w, a, b] * x[s, w, b]
-                        free[s, w, a] = total
+            _step_freely(A[k], drive[k], x, free)
             for law in range(n_laws):
                 count, graph, twice = kinds[law]
                 own = registers[bounds[graph, 0] : bounds[graph + 1, 0]] if graph >= 0 else registers[:0]
                 for s in range(n_sets):
                     for w in range(n_windows):
-                        h, e = lengths[law, k, w], s * n_windows + w
-                        for i in range(count):
-                            z0[i], z1[i] = at_z[law, j, i, k, w], at_z[law, j + 1, i, k, w]
-                            v0[i], v1[i] = at_v[law, j, i, k, w], at_v[law, j + 1, i, k, w]
-                            for a in range(m):
-                                before, after = rows[law, j, i, k, w, a], rows[law, j + 1, i, k, w, a]
-                                z0[i] += x[s, w, a] * before
-                                v0[i] += x[s, w, m + a] * before
-                                z1[i] += free[s, w, a] * after
-                                v1[i] += free[s, w, m + a] * after
+                        h, e, ends = lengths[law, k, w], s * n_windows + w, slice(j, j + 2)
+                        _see_port(
+                            rows[law, ends, :count, k, w],
+                            at_z[law, ends, :count, k, w],
+                            at_v[law, ends, :count, k, w],
+                            x[s, w],
+                            free[s, w],
+                            motion,
+                        )
                         if graph >= 0:  # means over the step, with trapezoidal end correction
-                            own[AT_Z, e] = 0.5 * (z0[0] + z1[0]) - h * (v1[0] - v0[0]) / 12.0
-                            own[AT_V, e] = 0.5 * (v0[0] + v1[0])
+                            z0, z1, v0, v1 = motion[0, 0], motion[1, 0], motion[2, 0], motion[3, 0]
+                            own[AT_Z, e] = 0.5 * (z0 + z1) - h * (v1 - v0) / 12.0
+                            own[AT_V, e] = 0.5 * (v0 + v1)
                             own[AT_T, e] = times[law, k, w] + (j + 0.5) * h
-                            own[AT_FREE, e], own[AT_COMMAND, e] = v1[0], commands[law, k, w]
+                            own[AT_FREE, e], own[AT_COMMAND, e] = v1, commands[law, k, w]
                             own[AT_MOBILITY, e], own[AT_H, e] = gain[law, k, w, 0, 0], h
-                            continue
-                        mass, damping, stiffness = impedance[law, 0, s], impedance[law, 1, s], impedance[law, 2, s]
-                        bend = h / 12.0 if count == 1 else 0.0
-                        for i in range(count):
-                            force[s, w, i] = (
-                                -mass * ((v1[i] - v0[i]) / h - weight[law, i])
-                                - 0.5 * damping * (v0[i] + v1[i])
-                                - stiffness * (0.5 * (z0[i] + z1[i]) - bend * (v1[i] - v0[i]))
+                        else:
+                            _solve_impedance(
+                                (impedance[law, 0, s], impedance[law, 1, s], impedance[law, 2, s]),
+                                motion,
+                                weight[law, :count],
+                                gain[law, k, w],
+                                reach[law, k, w],
+                                h,
+                                matrix,
+                                force[s, w],
                             )
-                            for a in range(count):
-                                matrix[i, a] = (mass / h + 0.5 * damping) * gain[law, k, w, i, a]
-                            matrix[i, i] += 1.0
-                        if count == 1:
-                            matrix[0, 0] += stiffness * (0.5 * reach[law, k, w] - h * gain[law, k, w, 0, 0] / 12.0)
-                        for i in range(count):  # Gauss elimination without pivoting, since the matrix is near identity
-                            for a in range(i + 1, count):
-                                factor = matrix[a, i] / matrix[i, i]
-                                for b in range(i, count):
-                                    matrix[a, b] -= factor * matrix[i, b]
-                                force[s, w, a] -= factor * force[s, w, i]
-                        for i in range(count - 1, -1, -1):
-                            for b in range(i + 1, count):
-                                force[s, w, i] -= matrix[i, b] * force[s, w, b]
-                            force[s, w, i] /= matrix[i, i]
                 if graph >= 0:
                     evaluated = operations[bounds[graph, 1] : bounds[graph + 1, 1]]
-                    if twice:  # second evaluation, since stiff stops change their own motion
-                        evaluate(evaluated, firsts[graph], own)
-                        for s in range(n_sets):
-                            for w in range(n_windows):
-                                e, own_gain = s * n_windows + w, gain[law, k, w, 0, 0]
-                                first = own[results[graph], e]
-                                own[AT_Z, e] += first * (0.5 * reach[law, k, w] - lengths[law, k, w] * own_gain / 12.0)
-                                own[AT_V, e] += 0.5 * own_gain * first
                     evaluate(evaluated, firsts[graph], own)
+                    if twice:  # second evaluation, since stiff stops change their own motion
+                        _correct_port(own, results[graph], gain[law, k, :, 0, 0], reach[law, k], lengths[law, k])
+                        evaluate(evaluated, firsts[graph], own)
                     for i in range(bounds[graph, 2], bounds[graph + 1, 2]):
-                        for e in range(own.shape[1]):
-                            own[recalled[i], e] = own[stored[i], e]
+                        own[recalled[i]] = own[stored[i]]
                     for s in range(n_sets):
                         for w in range(n_windows):
                             force[s, w, 0] = own[results[graph], s * n_windows + w]
-                for s in range(n_sets):
-                    for w in range(n_windows):
-                        for i in range(count):
-                            for a in range(size):
-                                free[s, w, a] += force[s, w, i] * into[law, i, k, w, a]
-                        if j == 0 and forces.shape[0] > 0:
-                            for i in range(count):
-                                for a in range(seen.shape[4]):
-                                    forces[k, s, w, a] += force[s, w, i] * seen[law, i, k, w, a]
-            for s in range(n_sets):
-                for w in range(n_windows):
-                    for a in range(size):
-                        x[s, w, a] = free[s, w, a]
-        for s in range(n_sets):
-            for w in range(n_windows):
-                for a in range(size):
-                    x[s, w, a] -= defect[k, min(s, n_defects - 1), w, a]
-                    if k % CHECK_EVERY == 0:
-                        now = x[s, w, a]
-                        x[s, w, a] = FAR if np.isnan(now) else min(max(now, -FAR), FAR)
+                _apply(force, into[law, :, k], free, count)
+                if j == 0 and forces.shape[0] > 0:
+                    _apply(force, seen[law, :, k], forces[k], count)
+            x[:] = free
+        _close_gap(x, defect[k], k % CHECK_EVERY == 0)
