@@ -8,9 +8,9 @@ from scipy.integrate import solve_ivp
 
 from vlab.cases.case import load_case
 from vlab.diagnose.inference.calibration import calibrate
+from vlab.diagnose.inference.prior_check import has_plausible_parameters
 from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquares
 from vlab.diagnose.search.model_class import TrajectoryLinearised, choose_model_class
-from vlab.diagnose.verdict import has_plausible_parameters
 
 GRAVITY = 9.81
 MODEL = """<mujoco><option timestep="0.001" integrator="RK4" gravity="0 0 -9.81"/><worldbody>

@@ -14,6 +14,7 @@ from vlab.diagnose.findings import graded, one_per_law
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.fit_at_optimum import information_on
 from vlab.diagnose.inference.model_choice import Choice
+from vlab.diagnose.inference.prior_check import has_plausible_parameters
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Candidate, Term
 from vlab.diagnose.pipeline import diagnose
@@ -22,7 +23,7 @@ from vlab.diagnose.search.shortlist import rivals_of
 from vlab.diagnose.validation.gap import block_log_ratios, explained_share, predicts_better
 from vlab.diagnose.validation.horizon import is_predicted, parts_of
 from vlab.diagnose.validation.simulation import ExtendedModel, check
-from vlab.diagnose.verdict import explains_most, explains_part, has_plausible_parameters, is_partial_explanation
+from vlab.diagnose.verdict import explains_most, explains_part, is_partial_explanation
 from vlab.physics.catalogue import EFFECTS
 
 BETTER = np.array([0.9, 1.1, 1.0, 0.8, 1.2, 1.05])

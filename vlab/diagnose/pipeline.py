@@ -24,6 +24,7 @@ from vlab.diagnose.diagnosis import NAMING, Attempt, Diagnosis, Finding, Rejecte
 from vlab.diagnose.findings import alternatives, by_what_they_explain, findings_of_terms, graded, one_per_law
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed, diagnose_frequency, is_in_frequency
 from vlab.diagnose.inference.model_choice import Choice
+from vlab.diagnose.inference.prior_check import has_plausible_parameters, is_plausible_beside_noise
 from vlab.diagnose.inference.sensor_offset import find_sensor_offsets
 from vlab.diagnose.parameters.holdout import HoldOut, moves, read_holdout
 from vlab.diagnose.parameters.locations import check_candidates, limited
@@ -52,10 +53,8 @@ from vlab.diagnose.verdict import (
     decide_verdict,
     explains_most,
     fit_note,
-    has_plausible_parameters,
     is_needed,
     is_partial_explanation,
-    is_plausible_beside_noise,
     is_within_noise,
     residual_note,
 )

@@ -38,7 +38,7 @@ in_any_order = compiled(error_model="numpy", fastmath={"reassoc", "contract"})
 
 @in_any_order
 def _drive(inputs: Array, into: Array, acting: Array, drive: Array) -> None:  # pragma: no cover - compiled
-    """Write the inputs of a step by lane, and their effect on the state.
+    """Write the inputs of a step and their effect.
 
     The inputs have shape (1 or n_sets, n_runs, n_inputs).
     """
@@ -57,7 +57,7 @@ def _drive(inputs: Array, into: Array, acting: Array, drive: Array) -> None:  # 
 
 @in_any_order
 def _read(rows: Array, direct: Array, state: Array, acting: Array, y: Array) -> None:  # pragma: no cover - compiled
-    """Write the channels of a sample without the feedthrough of laws."""
+    """Write the channels without laws."""
     channels, lanes = y.shape
     for c in range(channels):
         for e in range(lanes):
@@ -72,7 +72,10 @@ def _read(rows: Array, direct: Array, state: Array, acting: Array, y: Array) -> 
 
 @in_any_order
 def _step(turn: Array, dense: Array, drive: Array, held: Array, state: Array) -> None:  # pragma: no cover - compiled
-    """Step the state in place, in modal form unless step matrices are given."""
+    """Step the state in place.
+
+    The step is modal unless step matrices are given.
+    """
     size, lanes = state.shape
     m = size // 2
     if dense.shape[0] > 0:
@@ -99,9 +102,9 @@ def _step(turn: Array, dense: Array, drive: Array, held: Array, state: Array) ->
 def _see(
     observed_rows: Array, state: Array, last: Array, after: Array, known: Array
 ) -> None:  # pragma: no cover - compiled
-    """Write the port motion of the free step, and the estimated effect of all laws on the motion.
+    """Write the port motion of the free step.
 
-    A force changes little in a step, so the last one estimates the unknown one.
+    The estimated effect of all laws stands beside it. A force changes little in a step, so the last one estimates the unknown one.
     """
     sees, lanes = after.shape
     for i in range(sees):
@@ -118,7 +121,7 @@ def _see(
 
 @in_any_order
 def _add(force: Array, effect: Array, out: Array) -> None:  # pragma: no cover - compiled
-    """Add the effect (n, n_lanes) of a force by lane."""
+    """Add a force's effect (n, n_lanes)."""
     for j in range(len(out)):
         for e in range(len(force)):
             out[j, e] += force[e] * effect[j, e]

@@ -170,9 +170,9 @@ def _step_freely(A: Array, drive: Array, x: Array, free: Array) -> None:  # prag
 def _see_port(
     rows: Array, at_z: Array, at_v: Array, x: Array, free: Array, motion: Array
 ) -> None:  # pragma: no cover - compiled
-    """Write the port motion (z0, z1, v0, v1) at both ends of a step, by line.
+    """Write the port motion at both ends of a step.
 
-    The first axis of rows (2, n_lines, m), at_z and at_v (2, n_lines) is the end of the step.
+    The rows of `motion` (4, n_lines) are z0, z1, v0 and v1. The first axis of rows (2, n_lines, m), at_z and at_v (2, n_lines) is the end of the step.
     """
     m = rows.shape[2]
     for i in range(rows.shape[1]):
@@ -196,9 +196,9 @@ def _solve_impedance(
     matrix: Array,
     force: Array,
 ) -> None:  # pragma: no cover - compiled
-    """Write the mean force of mass, damping and stiffness at a port, implicit in its own effect.
+    """Write the mean force of an impedance at a port.
 
-    The mean displacement is of the trapezoidal rule with end correction, on a port of one line. Gauss elimination needs no
+    The force is implicit in its own effect. The mean displacement is of the trapezoidal rule with end correction, on a port of one line. Gauss elimination needs no
     pivoting, since the matrix is near identity.
     """
     count = len(weight)
@@ -230,7 +230,7 @@ def _solve_impedance(
 
 @in_any_order
 def _correct_port(own: Array, result: int, gain: Array, reach: Array, h: Array) -> None:  # pragma: no cover - compiled
-    """Add the effect of a law's own force to the mean motion of its port, by lane."""
+    """Add a law's own effect to its port's mean motion."""
     n_windows = len(h)
     for e in range(own.shape[1]):
         w = e % n_windows
@@ -241,7 +241,10 @@ def _correct_port(own: Array, result: int, gain: Array, reach: Array, h: Array) 
 
 @in_any_order
 def _apply(force: Array, into: Array, out: Array, count: int) -> None:  # pragma: no cover - compiled
-    """Add the effect of a law's force (n_sets, n_windows, n_lines) to states or readings."""
+    """Add a law's effect to states or readings.
+
+    The force has shape (n_sets, n_windows, n_lines).
+    """
     for s in range(out.shape[0]):
         for w in range(out.shape[1]):
             for i in range(count):
@@ -251,7 +254,10 @@ def _apply(force: Array, into: Array, out: Array, count: int) -> None:  # pragma
 
 @in_any_order
 def _close_gap(x: Array, defect: Array, is_checked: bool) -> None:  # pragma: no cover - compiled
-    """Subtract the gap between motion and prediction; clip diverged states where checked."""
+    """Subtract the gap between motion and prediction.
+
+    Diverged states are clipped where they are checked.
+    """
     n_sets, n_windows, size = x.shape
     for s in range(n_sets):
         for w in range(n_windows):

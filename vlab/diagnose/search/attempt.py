@@ -13,6 +13,7 @@ from vlab.diagnose.diagnosis import Attempt, Finding
 from vlab.diagnose.findings import findings_of_attempt
 from vlab.diagnose.inference.evidence import Hypothesis, effective_sample_size
 from vlab.diagnose.inference.model_choice import Choice
+from vlab.diagnose.inference.prior_check import has_plausible_parameters
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.ablation import ablate
@@ -20,7 +21,7 @@ from vlab.diagnose.settings import ATTEMPT, MODEL_CHOICE
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import total, verifying
 from vlab.diagnose.validation.simulation import ExtendedModel, SimulationCache, check, extended, spread_over
-from vlab.diagnose.verdict import explains_most, explains_part, family_share, has_plausible_parameters
+from vlab.diagnose.verdict import explains_most, explains_part, family_share
 from vlab.physics.effect import Effect
 
 

@@ -16,6 +16,7 @@ from vlab.diagnose.inference.hypothesis_fits import (
     pairs_fitted,
     scored_by,
 )
+from vlab.diagnose.inference.prior_check import has_plausible_parameters
 from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquares
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
@@ -25,7 +26,6 @@ from vlab.diagnose.search.forward_selection import ForwardSelection, in_all_join
 from vlab.diagnose.search.selection import TimeFound, shows
 from vlab.diagnose.search.shortlist import best_of_effects, completing, shortlisted
 from vlab.diagnose.settings import HYPOTHESIS_FITS, SCORE_TEST, SECOND_EFFECT, SELECTION, SHORTLIST
-from vlab.diagnose.verdict import has_plausible_parameters
 from vlab.physics.effect import Effect
 
 
