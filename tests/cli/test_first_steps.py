@@ -191,6 +191,30 @@ def test_an_error_of_the_search_leaves_the_drafted_case(capsys, monkeypatch, arm
     assert {p.name for p in (tmp_path / "out").iterdir()} == {"case.toml", "check.png", "check.json", "manifest.json"}
 
 
+def test_an_interrupted_search_does_not_block_the_next_one(capsys, monkeypatch, arm, tmp_path):
+    from vlab.cli import diagnose as verb
+    from vlab.errors import BadCase
+
+    stop: list[BaseException] = [KeyboardInterrupt(), BadCase("too far from linear")]
+
+    def end(*given, **options):
+        raise stop[0]
+
+    monkeypatch.setattr(verb, "diagnose", end)
+    out = tmp_path / "out"
+    line = ["diagnose", str(arm / "arm.xml"), *map(str, sorted(arm.glob("*.csv"))), "--out", str(out)]
+    status, _, err = run(capsys, *line)
+    assert (status, err.count("\n")) == (130, 1)
+    assert f"{out} holds the drafted case without a diagnosis; next: vlab diagnose {out / 'case.toml'}" in err
+    stop.pop(0)
+    status, _, err = run(capsys, *line)  # as if nothing had been there
+    assert (status, "too far from linear" in err) == (2, True)
+    (out / "case.toml").write_text((out / "case.toml").read_text() + "# my own remark\n")
+    status, _, err = run(capsys, *line)
+    assert (status, "is there already" in err) == (2, True)
+    assert "# my own remark" in (out / "case.toml").read_text()
+
+
 # ---- typed wrongly --------------------------------------------------------------------------------------------------
 
 

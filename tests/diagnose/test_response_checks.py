@@ -137,3 +137,42 @@ def test_the_command_line_says_why_and_searches_nothing(tmp_path, capsys):
 def test_of_units_with_one_factor_the_usual_one_comes_first():
     names = list(units.mistaken("m/N", "m/N"))
     assert names.index("mm/N") < names.index("m/kN")
+
+
+def test_a_case_of_responses_is_checked_before_its_diagnosis(capsys, tmp_path):
+    # such a case used to be refused: "only recordings over time are compared here"
+    write_chain(tmp_path, CHAIN_EFFECTS["none"], benign=0.0)
+    status, out, err = run(capsys, "check", str(tmp_path), "--json")
+    document = json.loads(out)
+    assert (status, err, document["refused"]) == (0, "", [])
+    assert document["next"].startswith("vlab diagnose ")
+    rows = {(c["recording"], c["channel"]): c for c in document["channels"]}
+    assert len(rows) == 6
+    assert any(name == ("frf1", "sensor1 per motor") and c["unit"] == "m/N" for name, c in rows.items())
+    assert all(c["correlation"] > 0.99 and c["noise"] < 0.05 * c["recorded_rms"] for c in rows.values())
+    status, out, _ = run(capsys, "check", str(tmp_path))
+    assert status == 0
+    assert "need a [[recording]]" in out
+
+
+def test_the_check_of_responses_names_slips_and_what_cannot_be_diagnosed(capsys, tmp_path):
+    rewritten(tmp_path, lambda f, H: (f, 1e3 * H))
+    status, out, _ = run(capsys, "check", str(tmp_path), "--json")
+    document = json.loads(out)
+    assert status == 0
+    assert 'unit = "mm/N"' in document["refused"][0]
+    assert "next" not in document
+    path = tmp_path / "case.toml"
+    path.write_text(path.read_text().replace('role = "fit"', 'role = "holdout"'))
+    status, out, _ = run(capsys, "check", str(tmp_path), "--json")
+    assert "no [[frf]] and no [[modal]] has the role fit" in json.loads(out)["refused"][0]
+
+
+def test_modal_tables_are_checked_beside_the_modes_of_the_model(capsys, tmp_path):
+    write_chain(tmp_path, CHAIN_EFFECTS["none"])
+    path = tmp_path / "case.toml"
+    path.write_text(path.read_text().partition("[[frf]]")[0] + '[[modal]]\nrole = "fit"\nfrequency_hz = [2.0, 6.0]\n')
+    status, out, _ = run(capsys, "check", str(tmp_path), "--json")
+    (words,) = [f["what"] for f in json.loads(out)["findings"] if f["channel"] == "modal1"]
+    assert status == 0
+    assert "2 modes beside those of the model: the rms difference of the frequency is" in words

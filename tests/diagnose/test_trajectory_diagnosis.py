@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import re
 
 import mujoco
 import numpy as np
@@ -21,6 +22,7 @@ from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSqua
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.actuator_states import actuator_states
+from vlab.diagnose.predictors.recorded_motion import refuse_recorded_contacts
 from vlab.diagnose.predictors.scope import linear_problem
 from vlab.diagnose.predictors.step_jacobian import Stepper
 from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory
@@ -82,6 +84,23 @@ def test_what_cannot_be_handled_is_said_at_once(tmp_path):
     )
     with pytest.raises(BadCase, match="wall.*touch.*contact-rich"):
         choose_model_class(load_case(tmp_path))
+
+
+def test_the_refusal_of_contacts_gives_the_line_that_excludes_them(tmp_path):
+    swinging_pendulum(tmp_path)
+    path = tmp_path / "rig.xml"
+    wall = '<geom name="wall" type="box" size=".02 1 1" pos=".3 0 .5"/>'
+    text = path.read_text().replace('<flag contact="disable"/>', "").replace("</worldbody>", f"{wall}</worldbody>")
+    path.write_text(text)
+    with pytest.raises(BadCase, match="'wall' of body 'world'.*body 'arm' touch.*contact-rich") as caught:
+        refuse_recorded_contacts(load_case(tmp_path))
+    line = re.search("<contact>.*</contact>", str(caught.value))[0]
+    path.write_text(text.replace("</worldbody>", f"</worldbody>{line}"))
+    refuse_recorded_contacts(load_case(tmp_path))
+    pair = '<contact><pair geom1="wall" geom2="bob"/></contact>'  # MuJoCo does not exclude what a pair asks for
+    path.write_text(text.replace("</worldbody>", f"</worldbody>{pair}"))
+    with pytest.raises(BadCase, match="remove their <pair>"):
+        refuse_recorded_contacts(load_case(tmp_path))
 
 
 def test_what_holds_an_unstable_model_must_be_recorded(tmp_path):

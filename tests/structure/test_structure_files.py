@@ -80,6 +80,29 @@ def test_a_bent_bar_is_refused(tmp_path):
         load_structure(path)
 
 
+SPAN = """
+[[span]]
+name = "{name}"
+bar = "beam"
+between = {between}
+stiffness = {{ value = {factor}, unit = "1", origin = "assumed", source = "test" }}
+"""
+
+
+@pytest.mark.parametrize("between", ['["30in", "40in"]', '["40in", "30in"]'])
+def test_two_spans_at_one_place_are_refused(tmp_path, between):
+    # the first used to count and the second to be lost without a word
+    path = tmp_path / "spans.toml"
+    first = SPAN.format(name="thin", between='["30in", "40in"]', factor=0.98)
+    path.write_text(TEXT + first, encoding="utf-8")
+    assert load_structure(path).deviation("beam", "30in", "40in").stiffness == 0.98
+    path.write_text(TEXT + first + SPAN.format(name="thick", between=between, factor=1.02), encoding="utf-8")
+    with pytest.raises(
+        BadStructure, match=r"spans 'thin' and 'thick' are both between.*'beam'.*at most one \[\[span\]\]"
+    ):
+        load_structure(path)
+
+
 def test_unknown_structures_list_the_known():
     with pytest.raises(UnknownName, match="did you mean 'beam'"):
         load_structure("baem")

@@ -229,6 +229,18 @@ def test_the_other_verdicts_have_their_own_words(nothing, verdict):
     assert "gauge: clipped" in [line for section in diagnosis_report.sections(done) for line in section.text]
 
 
+@pytest.mark.parametrize("effect", ["nothing", "viscous-damping"])
+def test_damage_that_an_effect_may_cause_is_said_to_be_searched(nothing, effect):
+    # a turned sign may be an effect of a sensor; the page used to say "not searched" above a ranking of the search
+    tried = ({"effect": effect, "place": "", "probability": None, "remaining": 5.0, "remaining_share": 1.0},)
+    diagnosis = dataclasses.replace(
+        nothing[0].diagnosis, verdict="bad-recording", quality=("turned",), checked=(), alternatives=tried
+    )
+    parts = diagnosis_report.sections(dataclasses.replace(nothing[0], diagnosis=diagnosis))
+    lines = [line for section in parts for line in section.text]
+    assert ("These recordings were not searched." in lines) == (effect == "nothing")
+
+
 @pytest.mark.slow
 def test_the_best_attempt_is_shown_without_a_probability(found):
     done, _ = found

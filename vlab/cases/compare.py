@@ -223,7 +223,7 @@ def compare_case(
     if not runs:
         if case.table.frf or case.table.modal:
             raise BadCase(
-                f"{case.path}: only recordings over time are compared here; vlab diagnose puts [[frf]] and [[modal]] beside the model"
+                f"{case.path}: only recordings over time are compared here; vlab check and vlab diagnose put [[frf]] and [[modal]] beside the model"
             )
         raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}")
     check_clock(case, runs)

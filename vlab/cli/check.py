@@ -149,7 +149,7 @@ def check_words(checked: Precheck) -> str:
     str
         Table of the channels, observations and limits.
     """
-    lines = [] if checked.comparison is None else [in_line(checked.comparison.case.table.title), ""]
+    lines = [in_line(checked.title), ""]
     if checked.channels:
         lines += [text_table(HEADERS, [_row(channel) for channel in checked.channels]), "", *_periods(checked)]
     for remark in checked.remarks:
@@ -178,9 +178,8 @@ def _row(c: ChannelCheck) -> list[object]:
 
 def _periods(checked: Precheck) -> list[str]:
     """Return one line on the sample period of each recording."""
-    assert checked.comparison is not None
     out = []
-    for run in checked.comparison.runs:
+    for run in () if checked.comparison is None else checked.comparison.runs:
         period = run.measured.sample_period
         seconds = float(run.measured.time[-1] - run.measured.time[0])
         out.append(

@@ -30,7 +30,7 @@ from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding
 from vlab.diagnose.export import CASE as EXTENDED
 from vlab.diagnose.precheck import Precheck, precheck_case
 from vlab.errors import BadCase, BadExperiment
-from vlab.files.output_folder import check_output, output_folder, write_manifest
+from vlab.files.output_folder import check_output, digests, is_untouched_draft, output_folder, write_manifest
 from vlab.files.text import in_line
 from vlab.standalone.answer import FOLDER, PATCH
 from vlab.units import quantity
@@ -133,6 +133,8 @@ def run(arguments: argparse.Namespace) -> Outcome:
     Outcome
         Document and text of the command.
     """
+    if arguments.logs and arguments.out and is_untouched_draft(arguments.out):
+        arguments.overwrite = True  # of an earlier diagnosis that did not end; the same files come again
     check_out(arguments, read=[arguments.case, *arguments.logs])
     if arguments.logs:
         with destination(arguments, DEFAULT) as out:
@@ -266,7 +268,7 @@ def _write_drafted(folder: Path, draft: Draft | None, checked: Precheck | None) 
 def _of_logs(arguments: argparse.Namespace, out: Path) -> Outcome:
     """Draft a case, check the case, and diagnose.
 
-    Case and check are written before the search, so that an error of the search leaves both.
+    Case and check are written before the search, so that an error or interrupt of the search leaves both.
     """
     if Path(arguments.case).is_dir() or Path(arguments.case).name == CASE:
         raise BadCase(
@@ -276,17 +278,15 @@ def _of_logs(arguments: argparse.Namespace, out: Path) -> Outcome:
     logs = [Path(name) for name in arguments.logs]
     draft = draft_case(arguments.case, logs, out, time=arguments.time, rate_hz=arguments.rate_hz)
     path = out / CASE
-    checked: Precheck | None = None
-    for _ in range(2):  # the case first, for the check reads the case where it stays
-        with output_folder(out, overwrite=arguments.overwrite or checked is not None) as folder:
-            _write_drafted(folder, draft, checked)
-            write_manifest(folder, verb="diagnose", case=str(path))
-        if checked is None:
-            with share_bar("check") as report:
-                checked = precheck_case(path, allow_outside=draft.leaves_folder, progress=report)
-    assert checked is not None
-    case = load_case(path, allow_outside=draft.leaves_folder)
-    result = _searched(arguments, case)
+    again = next_command("diagnose", path, draft)
+    try:
+        checked = _checked_draft(arguments, out, draft)
+        result = _searched(arguments, load_case(path, allow_outside=draft.leaves_folder))
+    except KeyboardInterrupt:
+        if is_untouched_draft(out):
+            left = f"{out} holds the drafted case without a diagnosis; next: {again}"
+            raise KeyboardInterrupt(in_line(left)) from None
+        raise
     document, written = _written(arguments, result, out, draft=draft, checked=checked)
     document |= {
         "case": str(path),
@@ -303,12 +303,26 @@ def _of_logs(arguments: argparse.Namespace, out: Path) -> Outcome:
         "Diagnosis",
         _text(result.done.diagnosis),
     ]
-    again = next_command("diagnose", path, draft)
     outcome = Outcome(
         document=document,
         text="\n".join([*parts, *written, f"the drafted case is {path}", f"after a change of the case: {again}"]),
     )
     return _continued(arguments, result, outcome, out)
+
+
+def _checked_draft(arguments: argparse.Namespace, out: Path, draft: Draft) -> Precheck:
+    """Write a drafted case and its check, and return the check."""
+    path = out / CASE
+    checked: Precheck | None = None
+    for _ in range(2):  # the case first, for the check reads the case where it stays
+        with output_folder(out, overwrite=arguments.overwrite or checked is not None) as folder:
+            _write_drafted(folder, draft, checked)
+            write_manifest(folder, verb="diagnose", case=str(path), unfinished=digests(folder))
+        if checked is None:
+            with share_bar("check") as report:
+                checked = precheck_case(path, allow_outside=draft.leaves_folder, progress=report)
+    assert checked is not None
+    return checked
 
 
 def _text(diagnosis: Diagnosis) -> str:

@@ -4,6 +4,7 @@ A folder is written beside its final place and moved when complete, so no partia
 """
 
 import contextlib
+import hashlib
 import itertools
 import json
 import math
@@ -295,6 +296,50 @@ def _is_ours(folder: Path) -> bool:
         return json.loads(read_plain_text(folder / MANIFEST)).get("written_by") == "vlab"
     except (OSError, ValueError, AttributeError):
         return False
+
+
+def is_untouched_draft(path: Path | str) -> bool:
+    """Return whether a folder holds an unfinished result of vlab and nothing else.
+
+    Parameters
+    ----------
+    path : Path or str
+        Existing or future output folder.
+
+    Returns
+    -------
+    bool
+        Whether the manifest has the `digests` of all files as ``unfinished`` and they still hold, so that a new run
+        loses nothing.
+    """
+    folder = Path(path)
+    try:
+        written = json.loads(read_plain_text(folder / MANIFEST)).get("unfinished")
+        names = {p.name for p in folder.iterdir() if p.name != MANIFEST}
+        is_same = isinstance(written, dict) and names == set(written)
+        return is_same and _is_ours(folder) and all(_digest(folder / name) == written[name] for name in names)
+    except (OSError, ValueError, AttributeError):
+        return False
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """Return the SHA-256 of every file in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder without subfolders.
+
+    Returns
+    -------
+    dict of str to str
+        Digests by file name, for the entry ``unfinished`` of a manifest.
+    """
+    return {path.name: _digest(path) for path in folder.iterdir()}
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def write_manifest(folder: Path, **facts: Any) -> None:

@@ -300,7 +300,8 @@ class Structure:
     Raises
     ------
     BadStructure, UnknownName
-        A part has an unknown reference or a repeated name, or the tension of a hanging line is open.
+        A part has an unknown reference or a repeated name, two spans have the same place, or the tension of a hanging
+        line is open.
     """
 
     format: Literal["vlab-structure-1"]
@@ -350,8 +351,7 @@ class Structure:
                 if name not in points:
                     raise unknown_name("point", name, points, where=f"bar {bar.name!r}")
             self._check_straight(bar)
-        for span in self.span:
-            self._check_span(span)
+        self._check_spans()
         for name, variant in self.variant.items():
             if variant.one_mode_bar and variant.one_mode_bar not in [b.name for b in self.bar]:
                 raise unknown_name("bar", variant.one_mode_bar, [b.name for b in self.bar], where=f"variant {name!r}")
@@ -360,13 +360,21 @@ class Structure:
         if not self.variant:
             raise BadStructure("no [variant.NAME] says how the structure is discretised")
 
-    def _check_span(self, span: Span) -> None:
+    def _check_spans(self) -> None:
         bars = {bar.name: bar for bar in self.bar}
-        if span.bar not in bars:
-            raise unknown_name("bar", span.bar, bars, where=f"span {span.name!r}")
-        neighbours = [f"{a}-{b}" for a, b in pairwise(bars[span.bar].points)]
-        if not {"-".join(span.between), "-".join(reversed(span.between))} & set(neighbours):
-            raise unknown_name("span", "-".join(span.between), neighbours, where=f"span {span.name!r}")
+        taken: dict[tuple[str, frozenset[str]], str] = {}
+        for span in self.span:
+            if span.bar not in bars:
+                raise unknown_name("bar", span.bar, bars, where=f"span {span.name!r}")
+            neighbours = [f"{a}-{b}" for a, b in pairwise(bars[span.bar].points)]
+            if not {"-".join(span.between), "-".join(reversed(span.between))} & set(neighbours):
+                raise unknown_name("span", "-".join(span.between), neighbours, where=f"span {span.name!r}")
+            first = taken.setdefault((span.bar, frozenset(span.between)), span.name)
+            if first != span.name:
+                raise BadStructure(
+                    f"spans {first!r} and {span.name!r} are both between {' and '.join(map(repr, span.between))} of bar "
+                    f"{span.bar!r}; a place has at most one [[span]], so write one with the product of their factors"
+                )
 
     def _check_straight(self, bar: Bar) -> None:
         at = np.array([self.position(name) for name in bar.points])

@@ -6,136 +6,26 @@ simulates every recording once with the nominal model, and fits nothing but the 
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from vlab.cases.case import load_case
+from vlab.cases.case import Case, load_case
 from vlab.cases.channel_map import Run
-from vlab.cases.checks import FileCheck, check_recordings
+from vlab.cases.checks import check_recordings
 from vlab.cases.checks.bands import spectra
 from vlab.cases.checks.shifts import shift
-from vlab.cases.compare import Comparison, RunComparison, compare_case
+from vlab.cases.compare import RunComparison, compare_case
 from vlab.diagnose.data.noise import estimate_noise
 from vlab.diagnose.data.quality import assess_quality
 from vlab.diagnose.precheck.duration import expected_seconds
 from vlab.diagnose.precheck.refusals import refusals, unseen_joints
+from vlab.diagnose.precheck.responses import band_of_power, has_responses_alone, precheck_responses
+from vlab.diagnose.precheck.result import ChannelCheck, Precheck, Remark, remarks_of_file, worst_first
 from vlab.diagnose.settings import PRECHECK
 from vlab.errors import Diverged
 from vlab.recordings.quality import findings
 from vlab.signals import Array
-
-
-@dataclass(frozen=True, kw_only=True)
-class ChannelCheck:
-    """One channel of one recording.
-
-    Parameters
-    ----------
-    recording, role, channel, unit : str
-        Recording with its role, channel with its SI unit.
-    is_input : bool
-        Whether the channel drives the model.
-    recorded_rms : float
-        Rms about the mean [unit].
-    simulated_rms : float or None
-        Rms of the simulation about its mean [unit]; None for an input.
-    correlation : float or None
-        Correlation of recording and simulation, from -1 to 1.
-    nrmse : float or None
-        Rms error over the recorded rms.
-    delay_s : float or None
-        Shift of the recording behind the simulation with the smallest residual [s].
-    left_now, left_shifted : float or None
-        Share of the recorded power, in the mean over frequency bands, without and with the shift.
-    period_s : float
-        Median sample period [s].
-    low_hz, high_hz : float or None
-        Band that holds most of the power about the mean [Hz].
-    noise : float or None
-        Rms of the noise [unit]; None for an input.
-    noise_source : str
-        How the noise was obtained.
-    """
-
-    recording: str
-    role: str
-    channel: str
-    unit: str
-    is_input: bool
-    recorded_rms: float
-    simulated_rms: float | None = None
-    correlation: float | None = None
-    nrmse: float | None = None
-    delay_s: float | None = None
-    left_now: float | None = None
-    left_shifted: float | None = None
-    period_s: float
-    low_hz: float | None = None
-    high_hz: float | None = None
-    noise: float | None = None
-    noise_source: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Remark:
-    """One observation of a check.
-
-    Parameters
-    ----------
-    channel : str
-        Channel; empty for the whole case.
-    what : str
-        Observation.
-    value : float or None
-        Number of the observation, if there is one.
-    mend : str
-        Edit of the case or of the measurement; empty if none is needed.
-    severity : str
-        ``"fatal"``, ``"warning"`` or ``"note"``.
-    """
-
-    channel: str
-    what: str
-    value: float | None = None
-    mend: str = ""
-    severity: str = "note"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Precheck:
-    """Result of a check.
-
-    Parameters
-    ----------
-    comparison : Comparison or None
-        Recordings beside their simulation; None where the simulation diverges.
-    channels : tuple of ChannelCheck
-        Channels of all recordings.
-    remarks : tuple of Remark
-        Observations, the worst first.
-    refused : tuple of str
-        Reasons for which a diagnosis would refuse the case.
-    seconds_expected : float or None
-        Rough time of a diagnosis [s]; None for a case that would be refused.
-    """
-
-    comparison: Comparison | None
-    channels: tuple[ChannelCheck, ...]
-    remarks: tuple[Remark, ...]
-    refused: tuple[str, ...]
-    seconds_expected: float | None
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain values for a JSON document."""
-        return {
-            "findings": [asdict(remark) for remark in self.remarks],
-            "refused": list(self.refused),
-            "seconds_expected": self.seconds_expected,
-            "channels": [asdict(channel) for channel in self.channels],
-        }
 
 
 def precheck_case(
@@ -145,6 +35,8 @@ def precheck_case(
     progress: Callable[[float, str], None] = lambda share, what: None,
 ) -> Precheck:
     """Check a case before a diagnosis.
+
+    A case of frequency responses and modal tables is compared with the linearised model.
 
     Parameters
     ----------
@@ -168,39 +60,42 @@ def precheck_case(
         A file is damaged or contradicts the case.
     """
     began = time.process_time()  # not delayed by other work on the machine
+    loaded = load_case(path, allow_outside=allow_outside)
+    if has_responses_alone(loaded):
+        return precheck_responses(loaded)
     try:
-        comparison = compare_case(path, allow_outside=allow_outside, progress=progress)
+        comparison = compare_case(loaded, progress=progress)
     except Diverged as error:
-        return _diverged(path, allow_outside, str(error))
+        return _diverged(loaded, str(error))
     simulated_s = time.process_time() - began
     case, runs = comparison.case, [r.run for r in comparison.runs]
     channels = [check for r in comparison.runs for check in _channels(r)]
     refused = [*comparison.check.of("fatal"), *refusals(case, runs, comparison.check)]
     remarks = [
-        *_of_file(comparison.check),
+        *remarks_of_file(comparison.check),
         *_of_runs(runs),
         *(Remark(channel="", what=note) for note in getattr(case.plant, "notes", ())),
         *(Remark(channel="", what=text) for text in unseen_joints(case.plant, runs)),
     ]
-    order = ("fatal", "warning", "note")
     return Precheck(
+        title=case.table.title,
         comparison=comparison,
         channels=tuple(channels),
-        remarks=tuple(sorted(remarks, key=lambda remark: order.index(remark.severity))),
+        remarks=worst_first(remarks),
         refused=tuple(dict.fromkeys(refused)),
         seconds_expected=None if refused else expected_seconds(case, runs, simulated_s),
     )
 
 
-def _diverged(path: Path | str, allow_outside: bool, why: str) -> Precheck:
+def _diverged(case: Case, why: str) -> Precheck:
     """Return the check of a case whose simulation diverges."""
-    case = load_case(path, allow_outside=allow_outside)
     runs = case.runs()
     found = check_recordings(case, runs)
     return Precheck(
+        title=case.table.title,
         comparison=None,
         channels=(),
-        remarks=(*_of_file(found), *_of_runs(runs)),
+        remarks=(*remarks_of_file(found), *_of_runs(runs)),
         refused=(f"the simulation diverges: {why}", *refusals(case, runs, found)),
         seconds_expected=None,
     )
@@ -286,19 +181,10 @@ def power_band(time: Array, values: Array) -> tuple[float | None, float | None]:
     if not np.ptp(values) > 0.0 or values.size < PRECHECK.least_samples:
         return None, None
     freq, (spectrum,) = spectra(time, values)
-    power = np.cumsum(np.abs(spectrum) ** 2)
-    if not power[-1] > 0.0:
-        return None, None
-    edge = (1.0 - PRECHECK.band_share) / 2.0
-    low, high = np.searchsorted(power, [edge * power[-1], (1.0 - edge) * power[-1]])
-    return float(freq[low]), float(freq[min(high, len(freq) - 1)])
+    return band_of_power(freq, np.abs(spectrum) ** 2)
 
 
 # ---- observations ------------------------------------------------------------------------------------------------
-
-
-def _of_file(check: FileCheck) -> list[Remark]:
-    return [Remark(channel=", ".join(f.channels), what=f.what, mend=f.mend, severity=f.severity) for f in check.found]
 
 
 def _of_runs(runs: Sequence[Run]) -> list[Remark]:

@@ -204,7 +204,7 @@ def check_contacts(case: Case, motions: Sequence[Motion]) -> None:
         Contacts are closed along the motion.
     """
     model, data = case.plant.model, mujoco.MjData(case.plant.model)
-    pairs: dict[tuple[str, str], int] = {}
+    pairs: dict[tuple[int, int], int] = {}
     looks = 0
     for motion in motions:
         for k in range(0, len(motion.q), max(1, len(motion.q) // SCOPE.looks)):
@@ -215,17 +215,29 @@ def check_contacts(case: Case, motions: Sequence[Motion]) -> None:
             looks += 1
             for c in data.contact[: data.ncon]:
                 if c.dist < 0:
-                    names = tuple(sorted(_geom(model, g) for g in (c.geom1, c.geom2)))
-                    pairs[names] = pairs.get(names, 0) + 1  # type: ignore[index, arg-type]
+                    geoms = (min(c.geom1, c.geom2), max(c.geom1, c.geom2))
+                    pairs[geoms] = pairs.get(geoms, 0) + 1
     if pairs:
         (a, b), count = max(pairs.items(), key=lambda item: item[1])
         raise BadCase(
-            f"{case.path}: {a} and {b} touch in {100 * min(count / looks, 1.0):.0f} % of the recorded motion; contact-rich motion "
-            "cannot be diagnosed: exclude contacts that are not real, or cut the recording before the first one (stop_s)"
+            f"{case.path}: {_geom(model, a)} and {_geom(model, b)} touch in {100 * min(count / looks, 1.0):.0f} % of the "
+            f"recorded motion; contact-rich motion cannot be diagnosed: {_remedy(model, a, b)}, or cut the recording before "
+            "the first contact (stop_s)"
         )
 
 
 def _geom(model: Any, i: int) -> str:
-    return (
-        f"geom {model.geom(i).name!r}" if model.geom(i).name else f"a geom of {model.body(model.geom_bodyid[i]).name!r}"
-    )
+    name, of = model.geom(i).name, int(model.geom_bodyid[i])
+    body = f"body {model.body(of).name!r}" if model.body(of).name else f"body number {of}"
+    return f"geom {name!r} of {body}" if name else f"a geom of {body}"
+
+
+def _remedy(model: Any, a: int, b: int) -> str:
+    """Return the edit of an MJCF file that removes the contact of two geoms."""
+    condition = "if they never touch in reality"
+    if any({int(one), int(other)} == {a, b} for one, other in zip(model.pair_geom1, model.pair_geom2, strict=True)):
+        return f"remove their <pair> from <contact> of the model {condition}"
+    names = [model.body(model.geom_bodyid[i]).name for i in (a, b)]
+    named = "" if all(names) else "name both bodies and "
+    one, other = (name or "NAME" for name in names)
+    return f'{named}add <contact><exclude body1="{one}" body2="{other}"/></contact> to the model {condition}'

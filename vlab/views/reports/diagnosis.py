@@ -243,7 +243,9 @@ def _nothing(done: Done) -> tuple[str, ...]:
             f"on the fit recordings the residual is {in_digits(done.found.before.normalised_residual)} times the noise.",
         )
     if done.diagnosis.verdict == "bad-recording":
-        return ("These recordings were not searched.",)
+        if all(a["effect"] == "nothing" for a in done.diagnosis.alternatives):
+            return ("These recordings were not searched.",)
+        return ("An effect may look like this damage, so these recordings were searched: no effect explains them.",)
     if attempt is not None and attempt.is_of_the_fit_alone:
         return (attempt_sentence(attempt), *(f"{f.name}: {f.law}" for f in attempt.findings))
     rest = "No effect of the catalogue explains the residual, shown below by channel, frequency and time."
