@@ -327,6 +327,7 @@ def test_a_model_without_names_says_what_to_add(tmp_path):
     ("model", "log", "error", "match"),
     [
         ("nowhere.xml", "run1.csv", BadCase, "no such model file"),
+        (".", "run1.csv", BadCase, "the folder is no model"),
         ("run1.csv", "run2.csv", BadCase, "this is no model"),
         ("arm.xml", "arm.xml", BadCase, "a recording was expected after the model"),
         ("arm.xml", "empty.csv", BadRecording, "empty"),
