@@ -87,8 +87,9 @@ def unknown_name(kind: str, given: str, known: Iterable[str], *, where: str = ""
     near = _nearest_numbers(given, names) or difflib.get_close_matches(given, names, n=1, cutoff=0.5)
     hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
     place = f"{where}: " if where else ""
-    listed = f"one of {len(names)} accepted names" if near and len(names) > MOST_NAMES else ", ".join(names) or "none"
-    return UnknownName(f"{place}unknown {kind} {given!r}{hint} (accepted: {listed})")
+    is_long = bool(near) and len(names) > MOST_NAMES
+    listed = f"{len(names)} names are accepted" if is_long else f"accepted: {', '.join(names) or 'none'}"
+    return UnknownName(f"{place}unknown {kind} {given!r}{hint} ({listed})")
 
 
 def _nearest_numbers(given: str, names: Iterable[str]) -> list[str]:

@@ -279,6 +279,14 @@ def test_a_column_with_a_word_among_numbers_is_named(arm, tmp_path):
     assert "shoulder_pan_pos" in draft.text
 
 
+def test_a_log_that_is_named_twice_is_taken_once_and_said(arm, tmp_path):
+    model, _ = arm
+    time, one, other = swinging()
+    log = write_table(tmp_path / "log.csv", t=time, elbow_flex_pos=one, shoulder_pan_pos=other)
+    draft = draft_case(str(model), [log, tmp_path / "." / log.name], tmp_path)
+    assert "log.csv is named 2 times and taken once" in draft.unsure
+
+
 def test_a_cut_last_line_is_said_once(arm, tmp_path):
     model, _ = arm
     time, one, other = swinging()
