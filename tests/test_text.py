@@ -2,7 +2,7 @@
 
 import pytest
 
-from vlab.files.text import in_digits, in_line, one_line, printable
+from vlab.files.text import as_sentence, in_digits, in_line, one_line, printable
 
 HOSTILE = {
     "colour": "\x1b[31mred\x1b[0m",
@@ -40,3 +40,22 @@ def test_plain_text_stays_as_it_is():
 )
 def test_a_sentence_has_numbers_without_exponents(value, digits, text):
     assert in_digits(value, digits) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("noise of joint:base: 0.4 %", "Noise of joint:base: 0.4 %."),
+        ("gain:elbow was calibrated", "gain:elbow was calibrated."),
+        (
+            "smooth-friction@joint:elbow has as small a residual.",
+            "smooth-friction@joint:elbow has as small a residual.",
+        ),
+        ("case.toml names run_3", "case.toml names run_3."),
+        ("log1: no motion", "log1: no motion."),
+        ("measured, not simulated: MPU 6050", "Measured, not simulated: MPU 6050."),
+        ("", "."),
+    ],
+)
+def test_a_sentence_starts_with_a_capital_or_a_name(text, sentence):
+    assert as_sentence(text) == sentence

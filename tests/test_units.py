@@ -117,3 +117,9 @@ def test_a_broken_library_is_not_called_a_wrong_unit(monkeypatch, broken):
         units.factor("mm", "m")
     monkeypatch.undo()
     assert units.factor("mm", "m") == 1e-3
+
+
+@pytest.mark.parametrize(("unit", "hint"), [("degg", "did you mean 'deg'"), ("wombat", "'deg'"), ("N mmm", "'N mm'")])
+def test_an_unknown_unit_has_a_hint(unit, hint):
+    with pytest.raises(BadUnit, match=f"unknown unit .*{hint}"):
+        units.factor(unit, "m")

@@ -60,6 +60,10 @@ class OutputRefused(VlabError, OSError):
     """An output folder that cannot be written."""
 
 
+MOST_NAMES = 24
+"""MOST_NAMES [-]: accepted names that an error lists beside a suggestion; more of them hide it."""
+
+
 def unknown_name(kind: str, given: str, known: Iterable[str], *, where: str = "") -> UnknownName:
     """Return the error for a name without a match.
 
@@ -83,7 +87,9 @@ def unknown_name(kind: str, given: str, known: Iterable[str], *, where: str = ""
     near = _nearest_numbers(given, names) or difflib.get_close_matches(given, names, n=1, cutoff=0.5)
     hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
     place = f"{where}: " if where else ""
-    return UnknownName(f"{place}unknown {kind} {given!r}{hint} (accepted: {', '.join(names) or 'none'})")
+    is_long = bool(near) and len(names) > MOST_NAMES
+    listed = f"{len(names)} names are accepted" if is_long else f"accepted: {', '.join(names) or 'none'}"
+    return UnknownName(f"{place}unknown {kind} {given!r}{hint} ({listed})")
 
 
 def _nearest_numbers(given: str, names: Iterable[str]) -> list[str]:

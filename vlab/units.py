@@ -4,6 +4,7 @@ Inside vlab every number is SI (m, kg, s, N, V, A, rad). Structure files, cases,
 units of their field. `to_si`, `from_si` and `factor` are the only conversions.
 """
 
+import difflib
 import re
 from functools import lru_cache
 from importlib import metadata
@@ -148,7 +149,9 @@ def _parse(unit: str) -> tuple[float, Any]:
     try:
         base, zero = (registry.Quantity(value, registry.parse_units(text)).to_base_units() for value in (1.0, 0.0))
     except Exception as error:  # a working registry raises a dozen kinds of error on bad text, TypeError among them
-        raise BadUnit(f"unknown unit {unit!r}; write it like 'lbf s/in', 'in', 'mm', 'm/s^2', 'V'") from error
+        near = difflib.get_close_matches(text, {name for names in _BASE.values() for name in names}, n=1, cutoff=0.7)
+        hint = f"did you mean {near[0]!r}?" if near else "write it like 'lbf s/in', 'deg', 'mm', 'm/s^2', 'V'"
+        raise BadUnit(f"unknown unit {unit!r}; {hint}") from error
     if zero.magnitude != 0:
         raise BadUnit(f"unit {unit!r} has an offset: no factor leads to {base.units}; convert the values beforehand")
     return float(base.magnitude), base.dimensionality

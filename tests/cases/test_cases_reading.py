@@ -333,3 +333,11 @@ def test_a_link_out_of_the_folder_is_refused(folder, tmp_path_factory):
     (folder / "run.csv").symlink_to(outside)
     with pytest.raises(BadCase, match="outside the case's folder"):
         load_case(folder)
+
+
+def test_a_mistake_in_a_shared_channel_is_placed_where_the_file_has_it(folder):
+    text = (folder / "case.toml").read_text()
+    shared = '[[channel]]\ncolumn = "y"\nat = "laser"\nkind = "displacement"\nunit = "mmm"\n'
+    (folder / "case.toml").write_text(f"{text}\n{shared}")
+    with pytest.raises(BadCase, match=r"case\.toml: channel\[0\]: unknown unit 'mmm'; did you mean 'mm'"):
+        load_case(folder)

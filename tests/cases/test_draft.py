@@ -279,6 +279,14 @@ def test_a_column_with_a_word_among_numbers_is_named(arm, tmp_path):
     assert "shoulder_pan_pos" in draft.text
 
 
+def test_a_log_that_is_named_twice_is_taken_once_and_said(arm, tmp_path):
+    model, _ = arm
+    time, one, other = swinging()
+    log = write_table(tmp_path / "log.csv", t=time, elbow_flex_pos=one, shoulder_pan_pos=other)
+    draft = draft_case(str(model), [log, tmp_path / "." / log.name], tmp_path)
+    assert "log.csv is named 2 times and taken once" in draft.unsure
+
+
 def test_a_cut_last_line_is_said_once(arm, tmp_path):
     model, _ = arm
     time, one, other = swinging()
@@ -327,6 +335,7 @@ def test_a_model_without_names_says_what_to_add(tmp_path):
     ("model", "log", "error", "match"),
     [
         ("nowhere.xml", "run1.csv", BadCase, "no such model file"),
+        (".", "run1.csv", BadCase, "the folder is no model"),
         ("run1.csv", "run2.csv", BadCase, "this is no model"),
         ("arm.xml", "arm.xml", BadCase, "a recording was expected after the model"),
         ("arm.xml", "empty.csv", BadRecording, "empty"),

@@ -95,3 +95,11 @@ def test_every_effect_prints_in_full(capsys):
     status, out, _ = run(capsys, "effects", "--full")
     assert status == 0
     assert all(f"\n{name}  [" in f"\n{out}" for name in EFFECTS)
+
+
+def test_a_suggestion_is_not_buried_under_a_hundred_names():
+    known = [f"effect-of-{k}" for k in ("friction", "stiffness", *map(str, range(100)))]
+    assert str(unknown_name("effect", "effect-of-fricton", known)) == (
+        "unknown effect 'effect-of-fricton'; did you mean 'effect-of-friction'? (102 names are accepted)"
+    )
+    assert str(unknown_name("effect", "wombat", known)).endswith("effect-of-99)")

@@ -18,7 +18,9 @@ from rerun.chunk import RrdReader
 
 from vlab.cases import load_case
 from vlab.cases.compare import compare_case
+from vlab.cli.diagnose import _errors as printed_errors
 from vlab.diagnose import export as amended_model
+from vlab.diagnose.advice import OF_ERRORS
 from vlab.diagnose.diagnosis import Attempt
 from vlab.diagnose.model_kinds.structure_file import structure_toml
 from vlab.diagnose.parameters.terms import Fit, Term
@@ -163,7 +165,8 @@ def test_the_report_says_what_where_and_by_how_much_in_this_order(found):
     )
     for text in (
         finding.law,
-        f"{finding.parameters['force']['value']:.4g}",
+        f"force = {finding.parameters['force']['value']:.4g} N. Below",
+        "dotted: noise",
         "[N]",
         "[m/s]",
         "frequency [Hz]",
@@ -171,6 +174,13 @@ def test_the_report_says_what_where_and_by_how_much_in_this_order(found):
     ):
         assert text.replace("'", "&#39;") in page
     assert page.count("<svg") >= 7
+
+
+def test_the_printed_errors_say_what_they_are(found):
+    done, _ = found
+    *rows, note = printed_errors(done.diagnosis).splitlines()
+    assert note == f"({OF_ERRORS})"
+    assert rows[-1].endswith(f"{100 * done.diagnosis.heldout['gap_closed']:.1f}".removesuffix(".0"))
 
 
 def test_the_amended_model_runs_by_itself(found, tmp_path):

@@ -11,6 +11,7 @@ from vlab.modal.mac import mac
 from vlab.signals import Channel, FrequencyResponse, ModalModel, Recording
 from vlab.views import figures
 from vlab.views.figures import bar_curve, decimate, frf_figure, to_svg
+from vlab.views.figures.style import ROLES
 
 HOSTILE = '<script>alert("$x$")</script>'
 UNIT = re.compile(r"\[[^\]]+\]")
@@ -188,3 +189,9 @@ def test_comparison_refuses_recordings_apart_in_time():
     late = Recording(time=late.time + 100, data=late.data, channels=late.channels)
     with pytest.raises(BadRecording, match="do not overlap"):
         figures.comparison_figure(recording(), late, "sensor:base")
+
+
+def test_curves_with_a_role_have_its_colour():
+    pair = [("recorded", recording()), ("simulated", recording())]
+    axes = figures.traces_figure(pair, roles=("measured", "nominal")).axes[0]
+    assert [line.get_color() for line in axes.lines] == [ROLES[role]["color"] for role in ("measured", "nominal")]

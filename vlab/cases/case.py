@@ -351,7 +351,8 @@ def load_case(path: Path | str, *, allow_outside: bool = False) -> Case:
     if is_folder and path.exists():  # a file that the user names directly may be a link
         check_file(reader, "", path.name)
     written = write_out(reader.load(), reader, allow_outside=allow_outside)
-    table = reader.table(CaseTable, written.raw)
+    with reader.placed(written.origins()):
+        table = reader.table(CaseTable, written.raw)
     for where, recording in zip(written.places, table.recording, strict=True):
         check_file(reader, f"{where}.file", recording.file, allow_outside=allow_outside)
     for i, frf in enumerate(table.frf):

@@ -46,6 +46,13 @@ class WrittenOut:
     channels: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
 
+    def origins(self) -> dict[str, str]:
+        """Return the table of the case file by table of the plain form."""
+        places = {f"recording[{i}]": place for i, place in enumerate(self.places)}
+        for i, tables in enumerate(self.channels):
+            places |= {f"recording[{i}].channel[{j}]": table for j, table in enumerate(tables)}
+        return places
+
     @property
     def shared(self) -> frozenset[str]:
         """Columns of shared channels that a recording uses."""

@@ -133,7 +133,8 @@ def _picture(comparison: Comparison) -> bytes:
     pair = [
         (f"{how}, {worst.run.name}", x) for how, x in (("recorded", worst.measured), ("simulated", worst.simulated))
     ]
-    return to_png(traces_figure(pair, names, start=first, stop=first + 2 * half, is_titled=True))
+    roles = ("measured", "nominal")
+    return to_png(traces_figure(pair, names, start=first, stop=first + 2 * half, is_titled=True, roles=roles))
 
 
 def check_words(checked: Precheck) -> str:

@@ -143,15 +143,27 @@ def progress_bar(label: str, total_s: float) -> Iterator[Callable[[float], None]
         Function that takes the completed simulated time [s].
     """
     with Noted() as check, _bar(
-        total=round(total_s, 3), desc=label, unit="s",
+        total=round(total_s, 3), desc=label, unit="s", smoothing=0,
         bar_format="{desc}: {bar} {n:.1f}/{total:.1f} simulated s, {remaining} left",
     ) as bar:  # fmt: skip
 
         def report(done_s: float) -> None:
             check()
+            if bar.n == 0.0 and done_s > 0.0:
+                _leave_out_the_start(bar, done_s)
             bar.update(done_s - bar.n)
 
         yield report
+
+
+def _leave_out_the_start(bar: "tqdm", done: float) -> None:
+    """Measure the pace from the first report on.
+
+    A compilation before it says nothing of the rest.
+    """
+    now = bar._time()
+    bar.delay = max(bar.delay - (now - bar.start_t), 0.0)
+    bar.initial, bar.start_t = done, now
 
 
 @contextlib.contextmanager

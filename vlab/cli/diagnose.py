@@ -19,6 +19,7 @@ from vlab.cli.destination import add_out, check_out, destination
 from vlab.cli.init import add_clock, draft_words, next_command
 from vlab.cli.table import text_table
 from vlab.diagnose.advice import (
+    OF_ERRORS,
     RATIO_OF_SEARCH,
     RESERVED,
     attempt_sentence,
@@ -381,8 +382,8 @@ def _errors(diagnosis: Diagnosis) -> str:
     attempt = diagnosis.attempt
     errors, after = (diagnosis.heldout, "extended") if attempt is None else (attempt.to_json(), "best attempt")
     rows = [_row(r["name"], r["role"], r) for r in errors["per_recording"]] + [_row("all", "", errors)]
-    before = before_heading(diagnosis.checked)
-    return text_table(["recording", "role", "nominal", before, after, "noise", "gap closed %"], rows)
+    headers = ("recording", "role", "nominal", before_heading(diagnosis.checked), after, "noise")
+    return f"{text_table([*headers, 'gap closed %'], rows)}\n({OF_ERRORS})"
 
 
 def _attempt(attempt: Attempt) -> list[str]:
@@ -411,5 +412,5 @@ def _row(name: str, role: str, values: dict[str, Any]) -> list[Any]:
         name,
         role,
         *(values[f"nrmse_{k}"] for k in ("nominal", "before", "after", "noise")),
-        None if gap is None else 100 * gap,
+        None if gap is None else round(100 * gap, 1),
     ]

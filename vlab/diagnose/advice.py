@@ -28,6 +28,10 @@ RATIO_OF_SEARCH = (
 """Note on the residuals of alternatives, whose noise is not that of the table of errors."""
 
 
+OF_ERRORS = "errors: a share of the recording, so 0.01 is 1 %; gap closed: (calibrated - extended)/(calibrated - noise)"
+"""Note on the table of errors, whose numbers have no unit."""
+
+
 def share(part: float) -> str:
     """Return a share in per cent, 100 only where nothing is left.
 

@@ -75,7 +75,7 @@ def findings_of_terms(choice: Choice, fit: Fit, problem: Reportable) -> list[Fin
         for parameter in term.effect.parameters:
             value, sd = term.values[parameter.name], fit.sd.get(f"{term.label}:{parameter.name}", 0.0)
             low, high = _interval(parameter, float(value), FINDINGS.half_width * sd)
-            unit = _unit(parameter.unit, term, problem)
+            unit = unit_at(parameter.unit, term, problem)
             parameters[parameter.name] = {"value": float(value), "unit": unit, "ci90": [float(low), float(high)]}
         is_first = bool(choice.best.terms) and term.effect.physics == choice.best.terms[0].effect.physics
         places = choice.places if is_first and i == 0 else {term.place.name: 1.0}
@@ -299,10 +299,24 @@ def _instead(hypothesis: Hypothesis, fit: Fit, i: int) -> list[str]:
     return [t.effect.physics for t in left]
 
 
-def _unit(unit: str, term: Term, problem: Reportable) -> str:
+def unit_at(unit: str, term: Term, problem: Reportable) -> str:
     """Return the unit of a parameter at its location.
 
     Sensor effects have the channel's unit, actuator effects the command's, all others that of the motion.
+
+    Parameters
+    ----------
+    unit : str
+        Unit of the parameter at a translation.
+    term : Term
+        Effect with its place.
+    problem : Reportable
+        Problem.
+
+    Returns
+    -------
+    str
+        Unit there.
     """
     effect, place = term.effect, term.place
     if effect.kind == "sensor":

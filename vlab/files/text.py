@@ -1,9 +1,13 @@
 """Safe text from files: no terminal control, no forged lines."""
 
+import re
+
 VOWELS, SPELT = "aeio", ("ndarray", "MjModel", "MjSpec", "MjData")
 """VOWELS: first letters of words with the article an. SPELT: names that begin with the sound of a letter's name."""
 MOST_PLAIN = 1e6
 """MOST_PLAIN [1]: size of a number from which a sentence takes an exponent."""
+IDENTIFIER = re.compile(r"\S*(?:[_@/\\\d]|[:.]\w)")
+"""IDENTIFIER: start of a text whose first word is a name of a place, an effect or a file."""
 
 
 def printable(text: object, *, keep: str = "\n\t") -> str:
@@ -110,6 +114,8 @@ def with_article(word: str) -> str:
 def as_sentence(text: str) -> str:
     """Return a text with a capital letter and one full stop.
 
+    A name at the start, such as ``gain:elbow`` or ``case.toml``, keeps its letters.
+
     Parameters
     ----------
     text : str
@@ -120,4 +126,5 @@ def as_sentence(text: str) -> str:
     str
         Sentence.
     """
-    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
+    first = text[:1] if IDENTIFIER.match(text) else text[:1].upper()
+    return f"{first}{text[1:].rstrip('.')}."

@@ -6,12 +6,13 @@ refused; the message has the path of the key. A number has the form ``{ value = 
 source = "section 2.1" }``. Without required provenance a bare number in SI is accepted as well.
 """
 
+import contextlib
 import dataclasses
 import math
 import tomllib
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -70,6 +71,7 @@ class Reader:
 
     def __post_init__(self) -> None:
         self.provenance: dict[str, Provenance] = {}
+        self._origins: Mapping[str, str] = {}
 
     def parse(self, text: str) -> dict[str, Any]:
         """Parse TOML text, or raise with the faulty line."""
@@ -93,9 +95,36 @@ class Reader:
             )
         return self.parse(text)
 
+    @contextlib.contextmanager
+    def placed(self, origins: Mapping[str, str]) -> Iterator[None]:
+        """Name the tables of the file in errors about tables that were drawn from it.
+
+        Parameters
+        ----------
+        origins : mapping
+            Place in the file by place in the drawn tables, such as ``channel[0]`` by ``recording[0].channel[0]``.
+
+        Yields
+        ------
+        None
+            The names hold inside the block.
+        """
+        self._origins = origins
+        try:
+            yield
+        finally:
+            self._origins = {}
+
     def fail(self, path: str, message: str) -> VlabError:
         """Return the error for one key."""
-        return self.error(f"{self.file}: {path or 'top level'}: {message}")
+        return self.error(f"{self.file}: {self._in_file(path) or 'top level'}: {message}")
+
+    def _in_file(self, path: str) -> str:
+        """Return a path with the place of its table in the file."""
+        for drawn in sorted(self._origins, key=len, reverse=True):
+            if path == drawn or path.startswith(f"{drawn}."):
+                return f"{self._origins[drawn]}{path[len(drawn) :]}"
+        return path
 
     def table(self, cls: type[T], table: Any, path: str = "") -> T:
         """Read a TOML table into a dataclass.

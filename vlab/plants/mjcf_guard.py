@@ -130,7 +130,8 @@ class _Model:
     def read(self, path: Path, label: str) -> None:
         """Read a file of the model."""
         if not path.is_file():
-            raise BadStructure(f"{label}: there is no such model file; check the name and the folder")
+            what = "the folder is no model; name a file" if path.is_dir() else "there is no such model file"
+            raise BadStructure(f"{label}: {what}; check the name and the folder")
         if path.stat().st_size > MAX_BYTES:
             raise BadStructure(f"{label}: the file has {path.stat().st_size} bytes; at most {MAX_BYTES} are read")
         try:

@@ -1,5 +1,6 @@
 """Draft of a case from a model and its logs."""
 
+import collections
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -123,6 +124,8 @@ def draft_case(
     """
     logs = [path / RECORDING if (path / RECORDING).is_file() else path for path in logs]  # a run folder
     unique = {os.path.realpath(path): path for path in logs}  # a log that is named twice would verify itself
+    counts = collections.Counter(map(os.path.realpath, logs))
+    again = [f"{unique[p].name} is named {n} times and taken once" for p, n in counts.items() if n > 1]
     paths = sorted(unique.values(), key=lambda path: natural_key(str(path)))
     opened = open_model(model, folder)
     read = [open_log(path) for path in paths]
@@ -135,7 +138,7 @@ def draft_case(
     channels = choose_units(read[0], clock, opened.plant, matched.used)
     clock, channels = _confirmed(read[0], clock, opened.plant, channels)
     parts = divide(kept, clock)
-    remarks = [*matched.unread, *aside, *opened.hints, *_doubts(opened.plant, channels)]
+    remarks = [*again, *matched.unread, *aside, *opened.hints, *_doubts(opened.plant, channels)]
     text = case_text(opened, folder, kept, parts, clock, channels, matched.left_out, remarks)
     doubtful = _doubtful(channels)
     if not clock.is_sure:

@@ -83,9 +83,8 @@ def open_model(model: str, folder: Path) -> DraftModel:
         return DraftModel(plant=plant, key="structure", value=model, title=model, is_outside=False)
     path = Path(model)
     if not path.is_file():
-        raise BadCase(
-            f"{model}: there is no such model file; give an MJCF file, then the logs: vlab init MODEL.xml LOG..."
-        )
+        what = "the folder is no model" if path.is_dir() else "there is no such model file"
+        raise BadCase(f"{model}: {what}; give an MJCF file, then the logs: vlab init MODEL.xml LOG...")
     value, is_outside = relative(path, folder)
     if path.suffix.lower() == ".toml":
         if is_outside:

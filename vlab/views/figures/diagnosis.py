@@ -88,8 +88,8 @@ def overlay_figure(
     near = stretch(time, worst_s)
     handles: dict[str, Any] = {}
     for name, look, values in curves:
-        handles[name] = draw_line(whole, time, values, 0, **{**look, "linestyle": "-"}, lw=0.7)
-        draw_line(zoom, time[near], values[near], 0, **look, lw=1.2)
+        draw_line(whole, time, values, 0, **{**look, "linestyle": "-"}, lw=0.7)
+        handles[name] = draw_line(zoom, time[near], values[near], 0, **look, lw=1.2)
         if name != "measured":
             draw_line(rest, time, factor * measured[channel] - values, 0, **{**look, "linestyle": "-"}, lw=0.7)
     handles["noise"] = rest.axhspan(-noise, noise, color="#cccccc", zorder=0)
@@ -105,7 +105,7 @@ def overlay_figure(
         axes.set(ylabel=f"[{pretty_unit(unit)}]", xlabel="time [s]")
         axes.ticklabel_format(axis="y", scilimits=(-3, 4))
     _spectra(spectra, measured, curves, noise)
-    spectra.set_title("measured, and the residual of each model", loc="left")
+    spectra.set_title("measured, and the residual of each model" + ("; dotted: noise" if noise > 0 else ""), loc="left")
     spectra.set(ylabel=f"[{pretty_unit(unit)}/√Hz]")
     draw_legend(figure, list(handles.values()), list(handles))
     return figure

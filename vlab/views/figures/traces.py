@@ -81,6 +81,7 @@ def traces_figure(
     stop: float | None = None,
     limit: int = POINTS,
     is_titled: bool = False,
+    roles: Sequence[str] | None = None,
 ) -> Figure:
     """Draw time histories, one axis per channel, with overlaid recordings.
 
@@ -96,6 +97,8 @@ def traces_figure(
         Most points of a line.
     is_titled : bool
         Whether the name of a channel stands above its axes, for long names.
+    roles : sequence of str or None
+        Role of each recording, a key of ``ROLES``; by default the curves have no role, and their colours only differ.
 
     Returns
     -------
@@ -110,8 +113,9 @@ def traces_figure(
             if channel.name in recording.names:
                 keep = _stretch(recording.time, start, stop)
                 x, y = recording.time[keep], recording[channel.name][keep]
+                look = {} if roles is None else ROLES[roles[k]]
                 dash = {"linestyle": "-"} if x.size > 4 * limit else {}
-                handles[label] = draw_line(row, *decimate(x, y, limit=limit), k, lw=0.8, **dash)
+                handles[label] = draw_line(row, *decimate(x, y, limit=limit), k, **{"lw": 0.8, **look, **dash})
         row.set_ylabel(as_text(f"[{pretty_unit(channel.unit)}]") if is_titled else axis_label(channel))
         if is_titled:
             row.set_title(as_text(channel_label(channel)), loc="left")

@@ -30,7 +30,7 @@ from vlab.views.figures.diagnosis import (
 from vlab.views.figures.diagnosis_response import responses
 from vlab.views.figures.model_drawing import model_figure
 from vlab.views.figures.restoring_force import restoring_force
-from vlab.views.reports.diagnosis_figures import drawn_terms, mismatch_picture, overlay, worst_first
+from vlab.views.reports.diagnosis_figures import drawn_terms, mismatch_picture, overlay, values_of, worst_first
 from vlab.views.reports.diagnosis_frequency import frequency_sections, write_frequency_scene
 from vlab.views.reports.diagnosis_summary import headline, summary, title_of, verdict_sentence
 from vlab.views.reports.page import Section, write_report
@@ -318,7 +318,7 @@ def _forces(done: Diagnosed) -> Section:
         text = "The force law of the fit recordings alone, in colour, which no held-out recording verifies; the estimated force, in grey."
     for term in drawn_terms(done):
         found = restoring_force(done, term)
-        values = ", ".join(f"{k} = {v:.4g}" for k, v in term.values.items())
+        values = values_of(term, done.problem)
         drawing = force_figure(found.curves, found.label, series=found.series)
         figures.append((to_svg(drawing), f"{found.words} Law: {term.effect.law}; {values}. Below: a stretch in time."))
     return Section(title="The missing force", text=() if done.diagnosis.findings else (text,), figures=figures)

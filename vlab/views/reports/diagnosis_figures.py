@@ -8,11 +8,13 @@ from matplotlib.figure import Figure
 
 from vlab.cases.misfit import Misfit, misfit
 from vlab.diagnose.export import Done
+from vlab.diagnose.findings import Reportable, unit_at
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.pipeline import Diagnosed
 from vlab.diagnose.validation.checked import Checked
 from vlab.signals import Recording
+from vlab.units import quantity
 from vlab.views.figures import to_svg
 from vlab.views.figures.diagnosis import force_figure, mismatch_figure, overlay_figure
 from vlab.views.figures.restoring_force import restoring_force
@@ -123,6 +125,25 @@ def drawn_terms(done: Diagnosed) -> tuple[Term, ...]:
     tried = (done.choice.best, *done.found.hypotheses) if attempt is None else (attempt.fit,)
     forces = [t for h in tried for t in h.terms if t.effect.kind == "port"]
     return tuple(forces[:1])
+
+
+def values_of(term: Term, problem: Reportable) -> str:
+    """Return the parameters of a term as text, with units.
+
+    Parameters
+    ----------
+    term : Term
+        Effect with its place and values.
+    problem : Reportable
+        Problem of the diagnosis, which knows the units of channels and commands.
+
+    Returns
+    -------
+    str
+        Such as ``"force = 0.6 N m, rise = 0.01 rad/s"``.
+    """
+    units = {p.name: unit_at(p.unit, term, problem) for p in term.effect.parameters}
+    return ", ".join(f"{name} = {quantity(float(value), units.get(name, ''))}" for name, value in term.values.items())
 
 
 def mismatch_picture(

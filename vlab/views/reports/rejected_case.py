@@ -6,6 +6,7 @@ from pathlib import Path
 from vlab.cases.compare import compare_case
 from vlab.diagnose.diagnosis import RejectedCase
 from vlab.files.output_folder import finite
+from vlab.files.text import as_sentence
 from vlab.recordings.files import written_whole
 from vlab.views.reports.case import case_sections
 from vlab.views.reports.diagnosis_summary import title_of
@@ -62,7 +63,7 @@ def write_stopped_page(done: RejectedCase, path: Path) -> list[Section]:
     parts = [Section(title="What is wrong with the files", text=tuple(f"{line}." for line in diagnosis.quality))]
     if done.case.recordings():
         parts += case_sections(compare_case(done.case))
-    parts.append(Section(title="Next measurement", text=(f"{diagnosis.next_measurement.capitalize()}.",)))
+    parts.append(Section(title="Next measurement", text=(as_sentence(diagnosis.next_measurement),)))
     words = "The case does not say of its files what they are, so nothing was fitted or sought."
     write_report(path, title=title_of(diagnosis.title, done.case), summary=[words], sections=parts)
     return parts
