@@ -168,7 +168,8 @@ def response_figure(curves: Sequence[tuple[str, FrequencyResponse]], output: Cha
         if name == "measured" and frf.coherence is not None:
             draw_line(coherence, frf.freq, frf.coherence[:, 0], 0, **LOOKS[name])
     whole = f"({output.unit})" if "/" in output.unit else output.unit or "1"
-    unit = pretty_unit(f"{whole}/{source.unit}" if source.unit else whole)
+    # an input that a case scales has the unit of the model's command, which the case does not state
+    unit = pretty_unit(f"{whole}/{source.unit}") if source.unit else f"{pretty_unit(whole)} per unit of the command"
     size.set(yscale="log", ylabel=f"magnitude\n[{unit}]")
     set_log_axis(size)
     size.set_title(as_text(f"{channel_label(output)} from {channel_label(source)}"), loc="left")

@@ -154,8 +154,10 @@ def _environment() -> Environment:
 
 
 def _plain(value: object) -> object:
-    """Return a text without control characters."""
-    return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+    """Return a text without control characters, and with numbers that stay beside their per cent sign."""
+    if not isinstance(value, str) or isinstance(value, Markup):
+        return value
+    return re.sub(r"(?<=\d) %", "\N{NO-BREAK SPACE}%", printable(value))
 
 
 def _number_columns(rows: Sequence[Sequence[object]]) -> list[bool]:
