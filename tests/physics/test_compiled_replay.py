@@ -57,6 +57,13 @@ def test_an_effect_at_a_port(name, monkeypatch):
     check(both(rig, [(name, at, values)], monkeypatch))
 
 
+@pytest.mark.parametrize("name", PORT_VALUES)
+def test_an_effect_at_a_port_in_steps_of_runge_kutta(name, monkeypatch):
+    rig = chain_rig(kind="hinge" if name == "rotary-inertia" else "slide", integrator="RK4")
+    at, values = PORT_VALUES[name]
+    check(both(rig, [(name, at, values)], monkeypatch))
+
+
 @pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast"])
 def test_several_effects_act_on_each_other(integrator, monkeypatch):
     names = ("added-mass", "viscous-damping", "cubic-stiffness", "lugre-friction", "attached-oscillator", "bouc-wen")
@@ -120,9 +127,13 @@ def test_a_foreign_callback_is_refused():
         mujoco.set_mjcb_control(None)
 
 
-def test_steps_of_runge_kutta_stay_in_python():
+def test_constraints_in_steps_of_runge_kutta_stay_in_python():
     plant = chain_rig(integrator="RK4").case.plant
+    assert compiled_replay.can_compile(plant, ())
+    plant.model.dof_frictionloss[0] = 0.1
     assert not compiled_replay.can_compile(plant, ())
+    plant.model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    assert compiled_replay.can_compile(plant, ())
 
 
 def test_a_model_with_little_memory_stays_in_python(monkeypatch):

@@ -154,6 +154,18 @@ def test_a_million_rows_take_the_fast_path(tmp_path):
     assert fast[2].shape == (200_000,)
 
 
+def test_a_delimiter_at_the_ends_of_the_lines_takes_the_fast_path(tmp_path):
+    text = '"a","b",\n1,2,\n3,4,\n'
+    layout = csv._layout(text.encode(), tmp_path / "run.csv", None)
+    fast = csv._fast(text.encode(), layout)
+    assert fast is not None
+    assert [column.tolist() for column in fast] == [[1.0, 3.0], [2.0, 4.0]]
+    damaged = text.replace("3,4,", "3,4,5").encode()
+    assert csv._fast(damaged, layout) is None
+    with pytest.raises(BadRecording, match="line 3: 3 cells for 2 names"):
+        csv._slow(damaged, layout)
+
+
 def test_decimal_commas_between_semicolons(tmp_path):
     (tmp_path / "x.csv").write_text("t;x\n0,000;-1,5e-3\n0,002;2\n")
     table = open_table(tmp_path / "x.csv")

@@ -34,12 +34,15 @@ LEAST_MEMORY = 2**20
 """LEAST_MEMORY [bytes]: least memory of a model for runs in compiled code. MuJoCo ends the process where memory runs out
 in compiled code."""
 INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
-VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
+VELOCITY, NO_STAGE = int(mujoco.mjtStage.mjSTAGE_VEL), int(mujoco.mjtStage.mjSTAGE_NONE)
+RUNGE_KUTTA = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 _forward, _forward_skip = c_function("mj_forward"), c_function("mj_forwardSkip")
 _fwd_position, _fwd_velocity = c_function("mj_fwdPosition"), c_function("mj_fwdVelocity")
 _sensor_position, _sensor_velocity = c_function("mj_sensorPos"), c_function("mj_sensorVel")
 _copy_state, _integrate_position = c_function("mj_copyState"), c_function("mj_integratePos")
+_fwd_actuation, _fwd_acceleration = c_function("mj_fwdActuation"), c_function("mj_fwdAcceleration")
+_fwd_constraint = c_function("mj_fwdConstraint")
 
 
 class Inputs(NamedTuple):
@@ -157,9 +160,20 @@ def can_compile(plant: Plant, loaded: Sequence[Port]) -> bool:
         Ports with recorded forces.
     """
     model = plant.model
-    is_split = model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4  # two halves are no step of Runge-Kutta
+    is_stepped = model.opt.integrator != RUNGE_KUTTA or _has_only_smooth_forces(plant)
     has_rest = plant.restoring is None or model.nq == model.nv
-    return IS_AVAILABLE and is_split and has_rest and not _can_touch(model) and all(port.is_constant for port in loaded)
+    return (
+        IS_AVAILABLE and is_stepped and has_rest and not _can_touch(model) and all(port.is_constant for port in loaded)
+    )
+
+
+def _has_only_smooth_forces(plant: Plant) -> bool:
+    """Return whether a model has neither constraints nor states of actuators, nor matrices beside MuJoCo."""
+    model = plant.model
+    is_rubbed = bool(np.any(model.dof_frictionloss) or np.any(model.tendon_frictionloss))
+    is_limited = bool(np.any(model.jnt_limited) or np.any(model.tendon_limited))
+    has_matrices = plant.dissipation is not None or plant.restoring is not None
+    return not (is_rubbed or is_limited or has_matrices or model.neq or model.na)
 
 
 def _can_touch(model: Any) -> bool:
@@ -308,6 +322,7 @@ def run_compiled(
     data, copy = pair
     if model.narena < LEAST_MEMORY or 2 * data.maxuse_arena > model.narena:
         raise NotSafe
+    is_runge_kutta = bool(model.opt.integrator == RUNGE_KUTTA)
     _run(
         (model._address, data._address, copy._address),
         (Views.of(data), Views.of(copy)),
@@ -319,7 +334,11 @@ def run_compiled(
         span,
         (float(data.time), float(model.opt.timestep), ahead),
         reads_forces,
+        is_runge_kutta,
     )
+    if is_runge_kutta:
+        steps = len(inputs.forces) // max(len(records.raw) - 1, 1)
+        data.time += (min(span[1], len(records.raw) - 1) - span[0]) * steps * model.opt.timestep
     if 2 * data.maxuse_arena > model.narena:
         raise NotSafe
 
@@ -349,6 +368,34 @@ def _apply(view: Views, m: Matrices, force: Array, loads: Array, moved: Array) -
 
 
 @compiled(error_model="numpy")
+def _second_half_of_runge_kutta(model: int, data: int, view: Views, h: float) -> None:  # pragma: no cover - compiled
+    """Finish a step of the classical Runge-Kutta method as MuJoCo does, without constraints.
+
+    Controls and applied forces stand during the step.
+    """
+    _fwd_actuation(model, data)
+    _fwd_acceleration(model, data)
+    _fwd_constraint(model, data)
+    position, speed = view.qpos.copy(), view.qvel.copy()
+    rate, change = view.qvel / 6.0, view.qacc / 6.0
+    for stage in range(1, 4):
+        part, weight = (1.0, 1.0 / 6.0) if stage == 3 else (0.5, 1.0 / 3.0)
+        last = part * view.qvel
+        for i in range(speed.size):
+            view.qvel[i] = speed[i] + h * (part * view.qacc[i])
+        view.qpos[:] = position
+        _integrate_position(model, view.qpos.ctypes.data, last.ctypes.data, h)
+        _forward_skip(model, data, NO_STAGE, 1)
+        for i in range(speed.size):
+            rate[i] += weight * view.qvel[i]
+            change[i] += weight * view.qacc[i]
+    for i in range(speed.size):
+        view.qvel[i] = speed[i] + h * change[i]
+    view.qpos[:] = position
+    _integrate_position(model, view.qpos.ctypes.data, rate.ctypes.data, h)
+
+
+@compiled(error_model="numpy")
 def _run(
     addresses: tuple[int, int, int],
     views: tuple[Views, Views],
@@ -360,6 +407,7 @@ def _run(
     span: tuple[int, int],
     times: tuple[float, float, float],
     reads_forces: bool,
+    is_runge_kutta: bool,
 ) -> None:  # pragma: no cover - compiled
     model, data, copy = addresses
     view, seen = views
@@ -402,5 +450,8 @@ def _run(
             first_half(model, data)
             if n_ports > 0:
                 add_port_forces(model, data, view, ports, inputs.forces[step], time, True)
-            second_half(model, data)
+            if is_runge_kutta:
+                _second_half_of_runge_kutta(model, data, view, h)
+            else:
+                second_half(model, data)
             time += h

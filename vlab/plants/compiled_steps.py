@@ -23,6 +23,7 @@ FUNCTIONS = {
     "mj_fwdVelocity": (ADDRESS, ADDRESS),
     "mj_fwdActuation": (ADDRESS, ADDRESS),
     "mj_fwdAcceleration": (ADDRESS, ADDRESS),
+    "mj_fwdConstraint": (ADDRESS, ADDRESS),
     "mj_sensorPos": (ADDRESS, ADDRESS),
     "mj_sensorVel": (ADDRESS, ADDRESS),
     "mj_solveM": (ADDRESS, ADDRESS, ADDRESS, ADDRESS, types.int32),

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute
 import pyarrow.csv
 from numpy.typing import NDArray
 
@@ -370,25 +371,28 @@ def _fast(data: bytes, layout: _Layout) -> list[NDArray[Any]] | None:
     body = memoryview(data)[layout.offset :]
     has_signs = any(data.find(sign, layout.offset) >= 0 for sign in (b"#", b'"'))
     has_lone_returns = data.count(b"\r") != data.count(b"\r\n")
-    if has_signs or has_lone_returns or layout.width > len(layout.names):
+    if has_signs or has_lone_returns:
         return None
     end = len(body)
     while end and body[end - 1] in b" \t\r\n":
         end -= 1
     labels = [str(i) for i in range(layout.width)]
     keep = [labels[i] for i in layout.keep]
+    unnamed = labels[len(layout.names) :]  # of delimiters at the ends of the lines
     try:
         table = pa.csv.read_csv(
             pa.BufferReader(pa.py_buffer(body[:end])),
             read_options=pa.csv.ReadOptions(column_names=labels, use_threads=False),
             parse_options=pa.csv.ParseOptions(delimiter=layout.delimiter, quote_char=False, ignore_empty_lines=False),
             convert_options=pa.csv.ConvertOptions(
-                column_types={k: pa.float64() for k in keep},
-                include_columns=keep,
+                column_types={**{k: pa.float64() for k in keep}, **{k: pa.string() for k in unnamed}},
+                include_columns=[*keep, *unnamed],
                 null_values=BLANK_WORDS if layout.blank else [],
             ),
         )
     except (pa.ArrowException, ValueError):  # the slow reader locates the fault
+        return None
+    if any(pa.compute.any(pa.compute.not_equal(table.column(name), "")).as_py() for name in unnamed):
         return None
     values = [table.column(name).to_numpy() for name in keep]
     fine = [~np.isinf(v) if i in layout.blank else np.isfinite(v) for i, v in zip(layout.keep, values, strict=True)]
