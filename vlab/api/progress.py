@@ -35,7 +35,7 @@ def reported(progress: Progress, label: str) -> Iterator[Callable[[float, str], 
         return
     from tqdm import tqdm
 
-    with tqdm(total=100, desc=label, leave=False, bar_format=SHARE_FORMAT) as bar:
+    with tqdm(total=100, desc=label, leave=False, smoothing=0, bar_format=SHARE_FORMAT) as bar:
         yield share_of(bar)
 
 

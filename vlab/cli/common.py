@@ -180,7 +180,7 @@ def share_bar(label: str) -> Iterator[Callable[[float, str], None]]:
     callable
         Function that takes the completed share and the present step.
     """
-    with Noted() as check, _bar(total=100, desc=label, bar_format=SHARE_FORMAT) as bar:
+    with Noted() as check, _bar(total=100, desc=label, smoothing=0, bar_format=SHARE_FORMAT) as bar:
         shown = share_of(bar)
 
         def report(share: float, what: str) -> None:
