@@ -62,6 +62,10 @@ def test_init_writes_beside_the_logs_and_never_over_a_case(capsys, tmp_path):
     assert (tmp_path / "my logs" / "case.toml").read_text() == "mine"
     assert run(capsys, *line, "--overwrite")[0] == 0
     assert (tmp_path / "my logs" / "case.toml").read_text() == before
+    status, out, err = run(capsys, *line, "--out", str(tmp_path / "mine.toml"))
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "looks like a file; case.toml is written inside the folder" in err
+    assert not (tmp_path / "mine.toml").exists()
 
 
 # ---- check ----------------------------------------------------------------------------------------------------------
