@@ -112,6 +112,8 @@ class Run:
         Stated period of the excitation [s].
     repeats : tuple of Recording
         Other recordings with the inputs of `measured`, sample by sample.
+    unsettled : tuple of str
+        Channels whose response differs between periods of the excitation by motion.
     """
 
     name: str
@@ -127,6 +129,7 @@ class Run:
     start: tuple[Array, Array] | None = None
     period_s: float | None = None
     repeats: tuple[Recording, ...] = ()
+    unsettled: tuple[str, ...] = ()
 
     @property
     def outputs(self) -> Recording:

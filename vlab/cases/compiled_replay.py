@@ -158,6 +158,11 @@ def can_compile(plant: Plant, loaded: Sequence[Port]) -> bool:
         Plant.
     loaded : sequence of Port
         Ports with recorded forces.
+
+    Returns
+    -------
+    bool
+        Whether the steps need no Python.
     """
     model = plant.model
     is_stepped = model.opt.integrator != RUNGE_KUTTA or _has_only_smooth_forces(plant)

@@ -62,7 +62,9 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if folder.exists() and not folder.is_dir():
         raise OutputRefused(f"the output folder {folder} is a file; name another folder with --out")
     if folder.suffix.lower() == ".toml" and not folder.is_dir():
-        raise OutputRefused(f"--out names a folder, and {folder} looks like a file; {CASE} is written inside the folder")
+        raise OutputRefused(
+            f"--out names a folder, and {folder} looks like a file; {CASE} is written inside the folder"
+        )
     if path.exists() and not arguments.overwrite:
         raise OutputRefused(f"{path} is there already; name another folder with --out, or add {OVERWRITE}")
     draft = draft_case(arguments.model, logs, folder, time=arguments.time, rate_hz=arguments.rate_hz)

@@ -100,7 +100,7 @@ def repeat_noise(run: Run, channel: str) -> RepeatNoise | None:
     """
     pairs, count = [(run.measured, other) for other in run.repeats if channel in other.names], len(run.repeats) + 1
     of: Literal["recordings", "periods"] = "recordings"
-    if not pairs:
+    if not pairs and channel not in run.unsettled:
         blocks, count = _blocks(run)
         pairs, of = [blocks] if blocks else [], "periods"
     found = [p for one, other in pairs if (p := _power(run, channel, one, other)) is not None]

@@ -9,6 +9,7 @@ from vlab.cases.case import Case
 from vlab.cases.channel_map import Run
 from vlab.cases.clock import plan_clock
 from vlab.diagnose.data.repeats import with_repeats
+from vlab.diagnose.data.settled import with_unsettled
 from vlab.diagnose.parameters.recorded_runs import with_noise_of
 from vlab.diagnose.settings import RECORDED_RUNS
 from vlab.errors import BadCase
@@ -78,7 +79,7 @@ def read_holdout(case: Case, names: Sequence[str], fitted: Sequence[Run] = ()) -
         absent = [name for name in names if name not in run.measured.names]
         if absent:
             notes.append(f"{run.name} lacks {', '.join(absent)}; it is checked on its other channels")
-    held_out = with_repeats(runs, fitted)
+    held_out = with_unsettled(with_repeats(runs, fitted), case.plant)
     names_of = {id(f.measured): f.name for f in fitted}
     of_fitted = {run.name: [names_of[id(m)] for m in run.repeats if id(m) in names_of] for run in held_out}
     repeated = {name: same[0] for name, same in of_fitted.items() if same}

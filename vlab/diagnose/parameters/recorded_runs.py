@@ -14,6 +14,7 @@ from vlab.cases.replay_bench import bench_for
 from vlab.diagnose.data.band import fastest
 from vlab.diagnose.data.noise import estimate_noise
 from vlab.diagnose.data.repeats import with_repeats
+from vlab.diagnose.data.settled import with_unsettled
 from vlab.diagnose.parameters.observation import within_limits
 from vlab.diagnose.settings import RECORDED_RUNS
 from vlab.errors import BadCase
@@ -86,6 +87,7 @@ def read_runs(case: Case, roles: Sequence[str]) -> RecordedRuns:
     """
     every = case.runs(roles)
     runs = with_repeats([run for run in every if len(run.measured) >= RECORDED_RUNS.fewest_samples])
+    runs = with_unsettled(runs, case.plant)
     if not every:
         only = ", or one of the [[frf]] and [[modal]] as fit" if case.table.frf or case.table.modal else ""
         raise BadCase(f"{case.path}: no [[recording]] has the role {' or '.join(roles)}; mark at least one{only}")

@@ -154,7 +154,10 @@ def _environment() -> Environment:
 
 
 def _plain(value: object) -> object:
-    """Return a text without control characters, and with numbers that stay beside their per cent sign."""
+    """Return a text without control characters.
+
+    A number stays on the line of its per cent sign.
+    """
     if not isinstance(value, str) or isinstance(value, Markup):
         return value
     return re.sub(r"(?<=\d) %", "\N{NO-BREAK SPACE}%", printable(value))
