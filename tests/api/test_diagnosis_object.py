@@ -152,7 +152,7 @@ def test_a_bad_recording_says_why(result):
     bad = replace(result.done.diagnosis, verdict="bad-recording", findings=(), quality=("run1: gap <1>", "second"))
     shown = vlab.Diagnosis(result.case, replace(result.done, diagnosis=bad))
     assert repr(shown).splitlines() == [f"<Diagnosis of {bad.title!r}: bad-recording>", "  run1: gap <1>"]
-    assert "The recordings are damaged, so the model was not judged. Run1: gap &lt;1&gt;." in shown._repr_html_()
+    assert "The recordings are damaged, so the model was not judged. run1: gap &lt;1&gt;." in shown._repr_html_()
 
 
 @pytest.mark.slow

@@ -65,7 +65,7 @@ def test_a_channel_of_its_own_takes_the_place_of_the_shared_one(folder):
         (f'[[recording]]\nfile = "run1.csv"\nfiles = "run*.csv"\nrole = "fit"\ntime = "t"\n{SHARED}', "both given"),
         (f'[[recording]]\nfiles = "../*.csv"\nrole = "fit"\ntime = "t"\n{SHARED}', "leaves the case's folder.*--allow-outside"),
         (f'[[recording]]\nfiles = 3\nrole = "fit"\ntime = "t"\n{SHARED}', "a pattern such as"),
-        ('[[recording]]\nfile = "run1.csv"\nrole = "fit"\ntime = "t"\n' + SHARED.replace('"angle"', '"angel"'), r"recording.*channel"),
+        ('[[recording]]\nfile = "run1.csv"\nrole = "fit"\ntime = "t"\n' + SHARED.replace('"angle"', '"angel"'), r"case.toml: channel"),
         ('[[recording]]\nfile = "run1.csv"\nrole = "fit"\ntime = "t"\n' + SHARED.replace("joint:shoulder_pan", "joint:x"), r"case.toml: channel\[1\]: unknown sensor"),
         ('[[modal]]\nrole = "fit"\nfrequency_hz = [1.0]\n' + SHARED, "shared channels belong to recordings"),
         (f'[recording]\nfile = "run1.csv"\n{SHARED}', r"write \[\[recording\]\]"),

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from vlab.diagnose.findings import _unit
+from vlab.diagnose.findings import unit_at
 from vlab.physics.catalogue import EFFECTS
 from vlab.signals import Channel
 
@@ -47,4 +47,4 @@ def test_a_parameter_has_the_unit_of_its_place(effect, parameter, actuator, unit
     law = EFFECTS[effect]
     place = SimpleNamespace(index=0, other=actuator, indices=(actuator,), angular=True)
     term = SimpleNamespace(effect=law, place=place)
-    assert _unit(law.parameter(parameter).unit, term, problem()) == unit
+    assert unit_at(law.parameter(parameter).unit, term, problem()) == unit
