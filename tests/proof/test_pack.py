@@ -50,12 +50,15 @@ def contents(folder):
 def test_the_evidence_is_a_file_a_campaign():
     """Beside the campaigns stand their description and commitments to cases that are not answered yet."""
     assert [file.name for file in SHIPPED] == [
+        "arms-16.jsonl.xz",
         "arms-20.jsonl.xz",
         "beams-4.jsonl.xz",
         "campaign-340.jsonl.xz",
         "fresh-79.jsonl.xz",
         "later-81.jsonl.xz",
         "pendulums-16.jsonl.xz",
+        "pendulums-16b.jsonl.xz",
+        "rigs-24.jsonl.xz",
         "rigs-30.jsonl.xz",
     ]
     assert {path.name for path in asset("evidence").iterdir() if path.is_dir()} <= {"sealed"}
