@@ -81,6 +81,16 @@ def test_most_of_a_gain_may_be_what_priors_ask_for():
     assert not is_prior_driven(hypothesis(0.5, "added-mass", mass=0.1, negative_log_prior=2.0), plain)
 
 
+def test_the_largest_of_many_deviations_asks_for_no_effect():
+    """Of 31 standard normals the largest exceeds 3.3, or 5.5 nat of prior density, once in 33; of one, once in 1000."""
+    more = hypothesis(1.0, "rotary-inertia", inertia=0.06)
+    one = hypothesis(1.0, negative_log_prior=5.5)
+    many = replace(one, fit=replace(one.fit, information=np.full(62, 0.5)))
+    assert is_prior_driven(more, one)
+    assert not is_prior_driven(more, many)
+    assert is_prior_driven(more, replace(many, negative_log_prior=7.0))
+
+
 def test_an_effect_that_frees_a_parameter_of_six_deviations_is_needed_however_well_it_fits():
     calibrated = hypothesis(1.0, negative_log_prior=0.5 * 6.0**2)
     for level in (1.0, 0.1):

@@ -4,9 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy import stats
 
 from vlab.diagnose.inference.evidence import Found, Hypothesis
-from vlab.diagnose.settings import INTERFERENCE, MODEL_CHOICE
+from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.settings import INTERFERENCE, MODEL_CHOICE, VERDICT
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,7 +51,7 @@ class Choice:
 
 
 def is_prior_driven(more: Hypothesis, less: Hypothesis) -> bool:
-    """Return whether a gain is mostly prior density.
+    """Return whether a gain is mostly prior density, beyond chance.
 
     Parameters
     ----------
@@ -59,11 +61,21 @@ def is_prior_driven(more: Hypothesis, less: Hypothesis) -> bool:
     Returns
     -------
     bool
-        Whether the prior gain exceeds the likelihood gain.
+        Whether the prior gain exceeds the likelihood gain, and what the largest of all parameters has by chance.
     """
-    return less.negative_log_prior - more.negative_log_prior > more.effective_samples * (
-        less.log_rms_residual - more.log_rms_residual
-    )
+    gain = less.negative_log_prior - more.negative_log_prior
+    likelihood = more.effective_samples * (less.log_rms_residual - more.log_rms_residual)
+    return gain > max(likelihood, _gain_by_chance(less.fit))
+
+
+def _gain_by_chance(fit: Fit) -> float:
+    """Return the prior gain that the largest of many deviations has by chance [nat].
+
+    The deviations are standard normal in as many directions as the recordings inform. The largest one exceeds the quantile
+    with the false-alarm rate (Bonferroni).
+    """
+    directions = max(float(np.sum(fit.information)), 1.0)
+    return 0.5 * float(stats.norm.isf(0.5 * VERDICT.false_alarm_rate / directions)) ** 2
 
 
 def is_plausible_alone(more: Hypothesis, less: Hypothesis) -> bool:
