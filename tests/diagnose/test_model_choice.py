@@ -82,7 +82,7 @@ def test_most_of_a_gain_may_be_what_priors_ask_for():
 
 
 def test_the_largest_of_many_deviations_asks_for_no_effect():
-    """Of 31 standard normals the largest exceeds 3.3, or 5.5 nat of prior density, once in 33; of one, once in 1000."""
+    """Of 31 standard normals the largest exceeds 3.3, or 5.5 nat of prior density, once in 35; of one, once in 1100."""
     more = hypothesis(1.0, "rotary-inertia", inertia=0.06)
     one = hypothesis(1.0, negative_log_prior=5.5)
     many = replace(one, fit=replace(one.fit, information=np.full(62, 0.5)))
