@@ -82,6 +82,7 @@ VARIED = [
     ("rigs-24", 13, 17, 0),
     ("arms-16", 6, 11, 1),
     ("pendulums-16b", 5, 11, 0),
+    ("beams-4b", 1, 2, 0),
 ]
 """Right classes, of how many, and false alarms."""
 

@@ -53,6 +53,7 @@ def test_the_evidence_is_a_file_a_campaign():
         "arms-16.jsonl.xz",
         "arms-20.jsonl.xz",
         "beams-4.jsonl.xz",
+        "beams-4b.jsonl.xz",
         "campaign-340.jsonl.xz",
         "fresh-79.jsonl.xz",
         "later-81.jsonl.xz",
