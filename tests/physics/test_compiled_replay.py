@@ -136,6 +136,16 @@ def test_constraints_in_steps_of_runge_kutta_stay_in_python():
     assert compiled_replay.can_compile(plant, ())
 
 
+@pytest.mark.parametrize("delay", ["", 'delay="0.01" nsample="8"'])
+def test_delays_in_steps_of_runge_kutta_stay_in_python(delay):
+    """MuJoCo advances the history of a delay in its own step only."""
+    text = f"""<mujoco><option integrator="RK4"/><worldbody><body><joint name="a" type="slide"/>
+    <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody>
+    <actuator><motor joint="a" {delay}/></actuator></mujoco>"""
+    plant = SimpleNamespace(model=mujoco.MjModel.from_xml_string(text), restoring=None, dissipation=None)
+    assert compiled_replay.can_compile(plant, ()) is not bool(delay)
+
+
 def test_a_model_with_little_memory_stays_in_python(monkeypatch):
     rig = chain_rig()
     plant = attach(rig.case.plant, [Attached(effect_named("bouc-wen"), *PORT_VALUES["bouc-wen"])])

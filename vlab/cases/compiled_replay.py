@@ -173,12 +173,16 @@ def can_compile(plant: Plant, loaded: Sequence[Port]) -> bool:
 
 
 def _has_only_smooth_forces(plant: Plant) -> bool:
-    """Return whether a model has neither constraints nor states of actuators, nor matrices beside MuJoCo."""
+    """Return whether a model has no constraints, no states beside its motion, and no matrices beside MuJoCo.
+
+    Actuators, delays and plugins have states, which MuJoCo advances in its own step only.
+    """
     model = plant.model
     is_rubbed = bool(np.any(model.dof_frictionloss) or np.any(model.tendon_frictionloss))
     is_limited = bool(np.any(model.jnt_limited) or np.any(model.tendon_limited))
     has_matrices = plant.dissipation is not None or plant.restoring is not None
-    return not (is_rubbed or is_limited or has_matrices or model.neq or model.na)
+    has_states = bool(model.na or model.nhistory or model.nplugin)
+    return not (is_rubbed or is_limited or has_matrices or has_states or model.neq)
 
 
 def _can_touch(model: Any) -> bool:
