@@ -37,37 +37,46 @@ in_any_order = compiled(error_model="numpy", fastmath={"reassoc", "contract"})
 
 
 @in_any_order
+def _add(force: Array, effect: Array, out: Array) -> None:  # pragma: no cover - compiled
+    """Add a force's effect (n, n_lanes)."""
+    for j in range(len(out)):
+        for e in range(len(force)):
+            out[j, e] += force[e] * effect[j, e]
+
+
+@in_any_order
+def _multiply(rows: Array, state: Array, out: Array) -> None:  # pragma: no cover - compiled
+    """Write rows (n, 2m, n_lanes) times the state by lane."""
+    for c in range(len(out)):
+        for e in range(out.shape[1]):
+            out[c, e] = 0.0
+        for j in range(len(state)):
+            for e in range(out.shape[1]):
+                out[c, e] += state[j, e] * rows[c, j, e]
+
+
+@in_any_order
 def _drive(inputs: Array, into: Array, acting: Array, drive: Array) -> None:  # pragma: no cover - compiled
     """Write the inputs of a step and their effect.
 
     The inputs have shape (1 or n_sets, n_runs, n_inputs).
     """
     n_sets, n_runs, n_inputs = inputs.shape
-    size, lanes = drive.shape
-    for e in range(lanes):
+    for e in range(drive.shape[1]):
         of = min(e // n_runs, n_sets - 1)
         for i in range(n_inputs):
             acting[i, e] = inputs[of, e % n_runs, i]
     drive[:] = 0.0
     for i in range(n_inputs):
-        for j in range(size):
-            for e in range(lanes):
-                drive[j, e] += acting[i, e] * into[i, j, e]
+        _add(acting[i], into[i], drive)
 
 
 @in_any_order
 def _read(rows: Array, direct: Array, state: Array, acting: Array, y: Array) -> None:  # pragma: no cover - compiled
     """Write the channels without laws."""
-    channels, lanes = y.shape
-    for c in range(channels):
-        for e in range(lanes):
-            y[c, e] = 0.0
-        for j in range(len(state)):
-            for e in range(lanes):
-                y[c, e] += state[j, e] * rows[c, j, e]
-        for i in range(len(acting)):
-            for e in range(lanes):
-                y[c, e] += acting[i, e] * direct[i, c, e]
+    _multiply(rows, state, y)
+    for i in range(len(acting)):
+        _add(acting[i], direct[i], y)
 
 
 @in_any_order
@@ -106,25 +115,12 @@ def _see(
 
     The estimated effect of all laws stands beside it. A force changes little in a step, so the last one estimates the unknown one.
     """
-    sees, lanes = after.shape
-    for i in range(sees):
-        for e in range(lanes):
-            after[i, e] = 0.0
-            known[i, e] = 0.0
-        for j in range(len(state)):
-            for e in range(lanes):
-                after[i, e] += state[j, e] * observed_rows[i, j, e]
-        for law in range(len(last)):
-            for e in range(lanes):
+    _multiply(observed_rows, state, after)
+    known[:] = 0.0
+    for law in range(len(last)):
+        for i in range(len(known)):
+            for e in range(known.shape[1]):
                 known[i, e] += last[law, i, e]
-
-
-@in_any_order
-def _add(force: Array, effect: Array, out: Array) -> None:  # pragma: no cover - compiled
-    """Add a force's effect (n, n_lanes)."""
-    for j in range(len(out)):
-        for e in range(len(force)):
-            out[j, e] += force[e] * effect[j, e]
 
 
 @in_any_order
