@@ -173,9 +173,10 @@ def can_compile(plant: Plant, loaded: Sequence[Port]) -> bool:
 
 
 def _has_only_smooth_forces(plant: Plant) -> bool:
-    """Return whether a model has no constraints, no states beside its motion, and no matrices beside MuJoCo.
+    """Return whether only smooth forces act, without states of their own.
 
-    Actuators, delays and plugins have states, which MuJoCo advances in its own step only.
+    Actuators, delays and plugins have states, which MuJoCo advances in its own step only. Matrices of the plant stand beside
+    MuJoCo.
     """
     model = plant.model
     is_rubbed = bool(np.any(model.dof_frictionloss) or np.any(model.tendon_frictionloss))
