@@ -11,7 +11,7 @@ from vlab.diagnose.settings import EVIDENCE, MODEL_CHOICE
 
 
 def calibrate(screen: TrajectoryScoreTest, start: Fit | None = None) -> tuple[TrajectoryScoreTest, Fit | None]:
-    """Calibrate the model without effects on whole recordings.
+    """Calibrate the model on whole recordings, with the effects of a fit.
 
     The linear system errs where the parameters end far from those of its linearisation. The linearisation is renewed while
     the log posterior in MuJoCo grows by more than the difference of indistinguishable hypotheses. Likelihood alone would
@@ -22,7 +22,7 @@ def calibrate(screen: TrajectoryScoreTest, start: Fit | None = None) -> tuple[Tr
     screen : TrajectoryScoreTest
         Screening at other parameters.
     start : Fit or None
-        Fit to start from.
+        Fit to start from; without effects and prior means by default.
 
     Returns
     -------
@@ -32,12 +32,13 @@ def calibrate(screen: TrajectoryScoreTest, start: Fit | None = None) -> tuple[Tr
         Fit of the calibrated model, or `start` where a renewal does not help.
     """
     whole = SimulatorLeastSquares(screen)
-    fit, found = whole.fit((), start), start
+    terms = start.terms if start else ()
+    fit, found = whole.fit(terms, start), start
     residual = whole.residual_in_mujoco(fit)
     while True:
         renewed = screen.at(fit.theta)
         whole = SimulatorLeastSquares(renewed)
-        tried = whole.fit((), fit)
+        tried = whole.fit(fit.terms, fit)
         now = whole.residual_in_mujoco(tried)
         if not 0.0 < now < residual:
             return screen, found

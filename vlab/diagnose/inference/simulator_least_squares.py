@@ -1,19 +1,26 @@
 """Final fit in MuJoCo, with derivatives of the trajectory-linearised system."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
 from vlab.cases.initial_state import InitialState
-from vlab.cases.simulate import simulate
+from vlab.diagnose.inference.direct_least_squares import (
+    DirectLeastSquares,
+    is_affordable,
+    run_in_mujoco,
+    sensor_gains,
+    state_at,
+)
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.terms import Fit, Term, with_effects
-from vlab.diagnose.settings import FIT, SIMULATOR_FIT
+from vlab.diagnose.settings import FIT, HYPOTHESIS_FITS, SIMULATOR_FIT
 from vlab.errors import VlabError
 from vlab.parallel import side_by_side
-from vlab.plants.base import Plant
 from vlab.signals import Array
 
 
@@ -21,7 +28,8 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
     """Fits to whole runs by defect correction with MuJoCo's simulation.
 
     The linear system along the motion is fitted to the recordings minus its difference from MuJoCo's run. Its
-    derivatives are accurate where its values err slightly.
+    derivatives are accurate where its values err slightly. Where the recordings stay unexplained, MuJoCo is the predictor
+    of the fit, as far as the number of steps allows.
 
     Parameters
     ----------
@@ -41,7 +49,7 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         thetas: Sequence[Array] = (),
         tolerance: float = FIT.near_enough,
     ) -> Fit:
-        """See `LeastSquares`."""
+        """See `LeastSquares`; the cost is that of MuJoCo's run, where MuJoCo does not diverge."""
         self._compare_with(self.recorded)
         best = super().fit(terms, start, iterations, thetas, tolerance)
         left, bias = self._missed(best)
@@ -58,7 +66,41 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
             if is_enough:
                 break
         self._compare_with(self.recorded)
-        return best
+        if np.isfinite(left):
+            best = replace(best, cost=left, chi2=best.prior_cost + left)
+        if self._explains(left) or not is_affordable(self, terms):
+            return best
+        return self._in_mujoco(best, self._direct.fit(terms, start, 0), tolerance)
+
+    def _explains(self, cost: float) -> bool:
+        """Return whether a residual is that of noise and allowed model error."""
+        return cost <= HYPOTHESIS_FITS.enough**2 * sum(run.y.size for run in self.runs)
+
+    def _in_mujoco(self, best: Fit, start: Fit, tolerance: float) -> Fit:
+        """Return the fit with MuJoCo as predictor, from the better of two fits."""
+        first = min(start, self._direct.fit(best.terms, best, 0), key=self.negative_log_posterior)
+        found = self._direct.fit(first.terms, first, SIMULATOR_FIT.steps, tolerance=tolerance)
+        return min(best, found, key=self.negative_log_posterior)
+
+    @cached_property
+    def _direct(self) -> DirectLeastSquares:
+        """Fits with MuJoCo as predictor."""
+        return DirectLeastSquares(self.moving)
+
+    def about(self, fit: Fit) -> TrajectoryLeastSquares:
+        """See `LeastSquares`; the linear system with its defect at a fit removed.
+
+        Residuals are then those of MuJoCo at the fit, and to first order about the fit. MuJoCo is the predictor where the
+        fit explains too little and the steps are few. The defect stays where MuJoCo does not follow the recordings.
+        """
+        left, bias = self._missed(fit)
+        if not self._explains(left) and is_affordable(self, fit.terms):
+            return self._direct
+        if bias is None:
+            return self
+        own = copy(self)
+        own._compare_with([y - b for y, b in zip(self.recorded, bias, strict=True)])
+        return own
 
     def residual_in_mujoco(self, fit: Fit) -> float:
         """Return the normalised residual of a fit in MuJoCo.
@@ -75,7 +117,10 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         float
             Normalised residual, infinite after divergence.
         """
-        return float(np.sqrt(self._missed(fit)[0] / sum(run.y.size for run in self.runs)))
+        left, _ = self._missed(fit)
+        if not self._explains(left) and is_affordable(self, fit.terms):
+            left = min(left, self._direct.fit(fit.terms, fit, 0).cost)
+        return float(np.sqrt(left / sum(run.y.size for run in self.runs)))
 
     def _compare_with(self, recorded: Sequence[Array]) -> None:
         self.runs = [replace(run, y=y) for run, y in zip(self.runs, recorded, strict=True)]
@@ -86,10 +131,10 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         plant = self.problem.adjusted(fit.theta)
         try:
             plant = with_effects(plant, fit.terms, self.problem.names)
-            found = side_by_side(lambda i: self._run(plant, i, states[i]), range(len(states)))
+            found = side_by_side(lambda i: run_in_mujoco(self, plant, i, states[i]), range(len(states)))
         except VlabError:
             return np.inf, None
-        gains = np.array([self._gain(fit, j) for j in range(len(self.problem.channels))])
+        gains = sensor_gains(self, fit.theta)
         bias, left, worst = [], 0.0, 0.0
         for i, (values, run) in enumerate(zip(found, self.runs, strict=True)):
             y = values * gains + fit.offsets
@@ -99,37 +144,12 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
             bias.append(y - system[i])
         return left, bias if worst < SIMULATOR_FIT.follows else None
 
-    def _run(self, plant: Plant, index: int, start: InitialState) -> Array:
-        """Return MuJoCo's simulation at the samples of a run or part."""
-        part = self.parts[index]
-        trajectory, whole = self.moving.moving.trajectories[part.run], self.problem.runs[part.run]
-        times = trajectory.time[part.first : part.end]
-        end = np.inf if part.end == len(trajectory) else whole.measured.time[0] + trajectory.time[part.end] - 1e-9
-        measured = whole.measured.between(whole.measured.time[0] + times[0] - 1e-9, end)  # the search may start later
-        recording = simulate(plant, replace(whole, measured=measured), initial=start).recording
-        rest = self.reduced_model.rows.rest
-        time, at = recording.time - recording.time[0], times - times[0]
-        columns = [
-            np.interp(at, time, recording[c.channel] + (rest[j] if c.from_rest else 0.0))
-            for j, c in enumerate(self.problem.channels)
-        ]
-        return np.column_stack(columns)
-
-    def _gain(self, fit: Fit, channel: int) -> float:
-        for change, value in zip(self.reduced_model.changes, fit.theta, strict=True):
-            if change.sensor == channel:
-                return float(np.exp(value))
-        return 1.0
-
     def _along(self, fit: Fit) -> tuple[list[Array], list[InitialState]]:
         """Return the linear system's channels of a fit, and the initial states."""
         y = self.move_starts(fit.terms, fit.theta, [dict(t.values) for t in fit.terms], fit.offsets)
-        out, states, nv = [], [], self.reduced_model.m
-        for i, (run, part) in enumerate(zip(self.runs, self.parts, strict=True)):
-            motion = self.moving.systems[part.run].motion
+        out, states = [], []
+        for i, run in enumerate(self.runs):
             assert run.start is not None
-            q = self.moving.stepper.moved(motion.q[part.first], run.start[:nv])
-            how = "rest" if part.first == 0 and self.moving.moving.trajectories[part.run].at_rest else "estimated"
-            states.append(InitialState(qpos=q, qvel=motion.v[part.first] + run.start[nv:], how=how))
+            states.append(state_at(self, i, run.start))
             out.append(y[: len(run), i] + fit.offsets)
         return out, states

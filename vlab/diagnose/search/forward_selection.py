@@ -17,9 +17,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from vlab.diagnose.inference.evidence import Hypothesis, cost_of_parameters
-from vlab.diagnose.inference.hypothesis_fits import by_score, fitted, scored_by, terms_of, with_whole_runs
+from vlab.diagnose.inference.hypothesis_fits import by_score, fitted, scored_by, terms_of
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.model_choice import gain_beyond
+from vlab.diagnose.inference.whole_run_fits import with_whole_runs
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term
 from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
 from vlab.diagnose.search.profile_screening import profile
@@ -145,7 +146,7 @@ class ForwardSelection:
         """Return fits of further effects beside a hypothesis."""
         here = f"beside {len(seed.terms)} effects" if seed.terms else "on whole recordings"
         self.report(f"screening effects {here}")
-        table = profile(self.whole, seed.long_fit, self._pool())
+        table = profile(self.whole.about(seed.long_fit), seed.long_fit, self._pool())
         chosen = further_effects(seed, table)
         self.report(f"fitting {len(chosen)} effects {here}")
         return side_by_side(lambda c: self.fitted([*seed.long_fit.terms, *terms_of([c])], seed.long_fit), chosen)

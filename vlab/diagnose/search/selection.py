@@ -14,13 +14,13 @@ from vlab.diagnose.inference.hypothesis_fits import (
     finished,
     floor_of,
     hopeful,
-    on_whole_runs,
     other_places,
     scored_by,
     with_tolerances,
 )
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.score_test import ScoreTest
+from vlab.diagnose.inference.whole_run_fits import on_whole_runs
 from vlab.diagnose.inference.window_least_squares import WindowLeastSquares
 from vlab.diagnose.parameters.terms import Candidate
 from vlab.diagnose.problem import Problem

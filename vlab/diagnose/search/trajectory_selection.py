@@ -1,9 +1,11 @@
 """Search in time on the trajectory-linearised model class."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 from vlab.diagnose.inference.calibration import calibrate
+from vlab.diagnose.inference.direct_least_squares import is_affordable
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.hypothesis_fits import (
     by_score,
@@ -11,7 +13,6 @@ from vlab.diagnose.inference.hypothesis_fits import (
     finished,
     fitted,
     floor_of,
-    on_whole_runs,
     other_places,
     pairs_fitted,
     scored_by,
@@ -20,12 +21,14 @@ from vlab.diagnose.inference.prior_check import has_plausible_parameters
 from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquares
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
+from vlab.diagnose.inference.whole_run_fits import changed_alike, on_whole_runs
 from vlab.diagnose.parameters.terms import Candidate
 from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
 from vlab.diagnose.search.forward_selection import ForwardSelection, in_all_joints
 from vlab.diagnose.search.selection import TimeFound, shows
 from vlab.diagnose.search.shortlist import best_of_effects, completing, shortlisted
 from vlab.diagnose.settings import HYPOTHESIS_FITS, SCORE_TEST, SECOND_EFFECT, SELECTION, SHORTLIST
+from vlab.parallel import side_by_side
 from vlab.physics.effect import Effect
 
 
@@ -92,10 +95,19 @@ def search_moving(
     (before,) = on_whole_runs(whole, narrow, [before])
     of_count = [[h for h in hypotheses if len(h.terms) == n] for n in sorted({len(h.terms) for h in hypotheses})]
     hypotheses = by_score(*(on_whole_runs(whole, narrow, some) for some in of_count))
+    windows = narrow
+    if _leave_much(hypotheses) and not deadline.is_past:
+        report(0.88, "fitting in MuJoCo")
+        exact, bare, others = _in_mujoco(screen, before, hypotheses)
+        if (
+            others[0].normalised_residual < hypotheses[0].normalised_residual
+        ):  # elsewhere the corrections do not converge
+            whole = windows = exact
+            screen, before, hypotheses = exact.moving, bare, others
     report(0.9, "adding effects")
     enough = SELECTION.explains * floor_of(whole)
     selection = ForwardSelection(
-        before=before, windows=narrow, whole=whole, candidates=candidates, enough=enough, deadline=deadline,
+        before=before, windows=windows, whole=whole, candidates=candidates, enough=enough, deadline=deadline,
         report=partial(report, 0.9),
     )  # fmt: skip
     hypotheses = selection.extend(hypotheses)
@@ -110,6 +122,49 @@ def search_moving(
         places=places,
         candidates=tuple(candidates),
     )
+
+
+def _in_mujoco(
+    screen: TrajectoryScoreTest, before: Hypothesis, hypotheses: Sequence[Hypothesis]
+) -> tuple[SimulatorLeastSquares, Hypothesis, list[Hypothesis]]:
+    """Return fits about the best hypothesis in MuJoCo, with the calibrated model and the hypotheses.
+
+    A large effect changes the motion beyond first order. The residual of the linear system is then its own error, in which
+    further effects hide.
+
+    Parameters
+    ----------
+    screen : TrajectoryScoreTest
+        Screening along the motion.
+    before : Hypothesis
+        Calibrated model.
+    hypotheses : sequence of Hypothesis
+        Hypotheses by score, fitted on the linear system.
+
+    Returns
+    -------
+    whole : SimulatorLeastSquares
+        Fits to whole runs, linearised at the best hypothesis' parameters.
+    before : Hypothesis
+        Calibrated model, scored in MuJoCo.
+    hypotheses : list of Hypothesis
+        Hypotheses by score, the leading ones fitted and scored in MuJoCo.
+    """
+    screen, _ = calibrate(screen, hypotheses[0].long_fit)
+    whole = SimulatorLeastSquares(screen)
+
+    def again(h: Hypothesis) -> Hypothesis:
+        fit = whole.fit(h.terms, h.long_fit)
+        return replace(scored_by(whole, fit, h.log_likelihood_gain), whole=fit)
+
+    least = hypotheses[0].score - HYPOTHESIS_FITS.hopeless
+    leading = [h for h in hypotheses if h.score > least]
+    before, *scored = side_by_side(again, [before, *leading])
+    if _leave_much(scored) and is_affordable(whole, hypotheses[0].terms):  # the linear system ranks little
+        others = [h for h in hypotheses if h.score <= least and len(h.terms) == 1]
+        leading, scored = [*leading, *others], [*scored, *side_by_side(again, others)]
+    rest = changed_alike([h for h in hypotheses if h not in leading], leading, scored)
+    return whole, before, by_score(scored, rest)
 
 
 def _seen_by_slow_observer(

@@ -339,6 +339,9 @@ class SimulatorFitSettings:
     follows: float = 0.5
     """follows [1]: largest residual of MuJoCo's run over a recording's rms for a valid correction, above 0; default
     untested. Raising it corrects worse fits."""
+    most_steps: float = 1e5
+    """most_steps [1]: integration steps times degrees of freedom of a Jacobian in MuJoCo, above 0; default half a second.
+    Raising it fits larger models in MuJoCo itself, and costs time."""
 
 
 @dataclass(frozen=True, kw_only=True)
