@@ -27,6 +27,7 @@ from vlab.diagnose.verdict import (
     decide_verdict,
     is_incoherent,
     is_needed,
+    is_needed_beside_data,
     residual_note,
 )
 from vlab.files.assets import asset
@@ -217,6 +218,17 @@ def test_what_loses_a_recording_explains_nothing_however_far_off_the_other_model
     assert closes_gap(checked(np.inf, 0.02), model_kind=MjcfModel())
     assert not closes_gap(checked(np.inf, 40.0), model_kind=MjcfModel())
     assert not closes_gap(checked(100.0, 2.0), model_kind=MjcfModel())  # 98 % of a gap
+
+
+def test_findings_from_the_data_alone_suffice_only_where_they_explain_the_recordings():
+    likely = SimpleNamespace(gained=0.0, is_prior_driven=False)
+
+    def is_kept(before, after):
+        return is_needed_beside_data(likely, checked(before, after, noise=0.006), model_kind=MjcfModel())
+
+    assert is_kept(0.36, 0.16)  # a stop beside coarse steps of an encoder: the steps explain nothing of the stop
+    assert not is_kept(0.36, 0.355)
+    assert not is_kept(0.0065, 0.0055)
 
 
 def test_what_priors_ask_for_is_needed_while_recordings_kept_aside_are_no_worse_with_it():

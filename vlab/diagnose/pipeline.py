@@ -53,7 +53,7 @@ from vlab.diagnose.verdict import (
     decide_verdict,
     explains_most,
     fit_note,
-    is_needed,
+    is_needed_beside_data,
     is_partial_explanation,
     is_within_noise,
     residual_note,
@@ -329,8 +329,7 @@ class _Pass:
         after, without = (seen.on(extended(problem, own)) for own in (fit, fit_before))
         if seen.is_missing and fit.terms:
             on_fitted = check(problem.runs, without, after, horizon_s=problem.horizon_s)
-            is_explained = closes_gap(on_fitted, model_kind=problem.model_kind)
-            if not (is_explained or is_needed(confirmed.choice, on_fitted, model_kind=problem.model_kind)):
+            if not is_needed_beside_data(confirmed.choice, on_fitted, model_kind=problem.model_kind):
                 fit, after = fit_before, without  # the findings from the data alone explain the recordings
         return _Judged(confirmed=confirmed, seen=seen, before=before, after=after, fit=fit)
 

@@ -109,6 +109,29 @@ def is_needed(choice: Choice, checked: Sequence[Checked], *, model_kind: ModelKi
     return choice.gained > 0 and (choice.is_prior_driven or no_gap) and after <= least * before
 
 
+def is_needed_beside_data(choice: Choice, checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
+    """Return whether a choice adds to the findings from the data alone.
+
+    Parameters
+    ----------
+    choice : Choice
+        Choice.
+    checked : sequence of Checked
+        Errors on recordings with those findings, without and with the choice.
+    model_kind : ModelKind
+        Kind of the nominal model.
+
+    Returns
+    -------
+    bool
+        False where the findings from the data alone explain the recordings, or the choice improves nothing.
+    """
+    errors = errors_of(checked)
+    is_mismatch = model_kind.is_mismatch(errors["before"], errors["noise"])
+    improves = is_mismatch and errors["before"] > GAP.no_worse * errors["after"]
+    return improves or closes_gap(checked, model_kind=model_kind) or is_needed(choice, checked, model_kind=model_kind)
+
+
 def is_within_noise(checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
     """Return whether the residual is within noise and model error."""
     return not model_kind.is_mismatch(total(checked, "after"), total(checked, "noise"))
