@@ -117,7 +117,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_out(
         parser,
-        "diagnosis.json, report.html, run.rrd the extended model and, for an MJCF model, files for MuJoCo alone to this folder (default: print only)",
+        "diagnosis.json, report.html, run.rrd, the extended model and, for an MJCF model, files for MuJoCo alone to this folder (default: print only)",
     )
 
 
