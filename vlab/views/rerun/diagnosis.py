@@ -98,4 +98,8 @@ def _log_channel(stream: Any, run: Checked, name: str, origin: str) -> None:
 
 
 def _entity(label: str) -> str:
-    return label.replace(" ", "-")
+    """Return the entity of a curve.
+
+    The viewer draws entities by name, so the thick measurement comes first.
+    """
+    return f"{list(WIDTHS).index(label)}-{label}"
