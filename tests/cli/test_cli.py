@@ -370,6 +370,14 @@ def test_every_verb_has_help_and_json(capsys):
         assert build_parser(verb).parse_known_args([verb, "--json", "beam", "run.csv"])[0].json
 
 
+def test_help_names_examples_that_an_installed_command_has_too():
+    """A wheel has no folder ``assets``; ``example:NAME`` is there in a checkout and after an installation."""
+    helps = {verb: next(a for a in build_parser(verb)._actions if a.dest == "verb").choices[verb] for verb in VERBS}
+    texts = {verb: " ".join(sub.format_help().split()) for verb, sub in helps.items()}
+    assert [verb for verb, text in texts.items() if "assets/" in text] == ["prove"]  # keys that only the laboratory has
+    assert "example:plan.toml" in texts["experiment"]
+
+
 @pytest.mark.parametrize("words", [[], ["help"]], ids=["nothing", "help"])
 def test_without_a_command_the_commands_are_listed(capsys, words):
     status, out, err = run(capsys, *words)

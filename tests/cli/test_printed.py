@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from command import run
 
+from vlab.cli.diagnose import closing_words
 from vlab.cli.table import text_table
 from vlab.files.assets import asset
 from vlab.views.rerun.viewer import start_viewer
@@ -136,3 +137,8 @@ def test_the_viewer_is_not_looked_for_in_the_current_folder(tmp_path, monkeypatc
     with start_viewer(tmp_path / "none.rrd", quiet=True) as viewer:
         viewer.wait(timeout=60)
     assert not (tmp_path / "pwned.txt").exists()
+
+
+def test_a_chain_of_one_diagnosis_is_counted_in_the_singular():
+    assert closing_words(1, ["stop at joint:a"], "missing-physics").startswith("1 diagnosis; found: stop at joint:a;")
+    assert closing_words(2, [], "none-of-these").startswith("2 diagnoses; found: nothing;")

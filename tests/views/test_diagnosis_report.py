@@ -205,7 +205,8 @@ def test_the_scene_holds_recording_old_and_new_simulation(found):
     entities = {
         piece.entity_path for piece in RrdReader(found[1] / "run.rrd").stream().to_chunks() if not piece.is_static
     }
-    wanted = ("measured", "calibrated", "extended", "left/calibrated", "left/extended")
+    # the viewer draws entities by name: the thick black measurement must not lie over the models
+    wanted = ("0-measured", "2-calibrated", "3-extended", "left/2-calibrated", "left/3-extended")
     assert {path for path in entities if "/diagnosis/" in path} == {f"/diagnosis/0/0/{name}" for name in wanted}
 
 

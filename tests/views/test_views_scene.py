@@ -15,7 +15,8 @@ from vlab.lab.excitation import Multisine
 from vlab.lab.experiment import Experiment, Result, run_experiment
 from vlab.plants import Plant
 from vlab.signals import Channel, FrequencyResponse, Recording
-from vlab.views.rerun import documents, scene
+from vlab.views.figures import ROLES
+from vlab.views.rerun import bars, documents, scene, traces
 from vlab.views.rerun.frames import Motion
 
 HOSTILE = "<script>/../$x ![a](http://b)"
@@ -41,6 +42,22 @@ def column(path, entity, component):
             name = next(n for n in table.schema.names if n.endswith(component))
             return table.column(table.schema.names.index(name)).to_pylist()
     raise AssertionError(entity)
+
+
+def look(path, entity, component):
+    """Return the values of a static component of an entity."""
+    for piece in chunk.RrdReader(path).stream().to_chunks():
+        if piece.entity_path == entity and piece.is_static:
+            table = piece.to_record_batch()
+            for name in table.schema.names:
+                if name.endswith(component):
+                    return table.column(table.schema.names.index(name)).to_pylist()[0]
+    raise AssertionError(entity)
+
+
+def packed(colour):
+    """Return a colour as Rerun stores it, with full alpha."""
+    return int(colour[1:] + "ff", 16)
 
 
 def traces_of(path):
@@ -155,11 +172,20 @@ def test_comparison_overlays_and_subtracts(tmp_path):
     simulated = Recording(time=shifted, data=0.5 * np.sin(9 * shifted)[:, None], channels=(channel,))
     path = scene.write_comparison(tmp_path / "c.rrd", measured, simulated)
     rows, _, timelines = rows_of(path)
-    assert set(rows) == {f"/comparison/0/{what}" for what in ("measured", "simulated", "residual")}
+    assert set(rows) == {f"/comparison/0/{what}" for what in ("measured", "nominal", "residual")}
     assert set(rows.values()) == {1998}  # the samples that lie within the simulation
     assert timelines == {"sim_time", "step"}
     rest = np.array(column(path, "/comparison/0/residual", "scalars")).ravel()
     assert rest == pytest.approx(0.5 * np.sin(9 * time[1:-1]), abs=1e-4)
+    for what in ("measured", "nominal", "residual"):
+        assert look(path, f"/comparison/0/{what}", "colors") == [packed(ROLES[what]["color"])]
+
+
+def test_plots_have_the_white_paper_that_black_curves_need():
+    """Rerun draws plots on a dark ground, where the black of measured curves is invisible."""
+    for view in (traces.plot_view("velocity", "/traces/0"), bars.bar_view("spectrum", "/spectra/0")):
+        ground = view.properties["PlotBackground"]
+        assert ground.color.as_arrow_array().to_pylist() == [packed("#ffffff")]
 
 
 def test_bodies_of_any_model_are_drawn_within_the_model(tmp_path):

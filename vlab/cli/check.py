@@ -12,6 +12,7 @@ import numpy as np
 from vlab.cases.case import load_case
 from vlab.cases.checks.undriven import undriven, words_on
 from vlab.cases.compare import Comparison
+from vlab.cases.log_units import in_log_unit, log_units
 from vlab.cli.case_argument import OUTSIDE, add_case
 from vlab.cli.common import Outcome, share_bar
 from vlab.cli.destination import add_out, check_out
@@ -152,7 +153,9 @@ def check_words(checked: Precheck) -> str:
     """
     lines = [in_line(checked.title), ""]
     if checked.channels:
-        lines += [text_table(HEADERS, [_row(channel) for channel in checked.channels]), "", *_periods(checked)]
+        units = {} if checked.comparison is None else log_units(checked.comparison.case.table)
+        rows = [_row(channel, units.get(channel.channel)) for channel in checked.channels]
+        lines += [text_table(HEADERS, rows), "", *_periods(checked)]
     for remark in checked.remarks:
         mend = f"; to mend it: {remark.mend}" if remark.mend else ""
         mark = "" if remark.severity == "note" else f"{remark.severity.upper()}: "
@@ -166,14 +169,16 @@ def check_words(checked: Precheck) -> str:
     return "\n".join(lines)
 
 
-def _row(c: ChannelCheck) -> list[object]:
+def _row(c: ChannelCheck, log_unit: str | None) -> list[object]:
+    """Return the cells of a channel, its sizes in the unit of the log."""
     left = (
         None if c.left_now is None or c.left_shifted is None else f"{100 * c.left_now:.3g}, {100 * c.left_shifted:.3g}"
     )
     delay = None if c.delay_s is None else 1e3 * c.delay_s
+    (recorded, simulated, noise), unit = in_log_unit((c.recorded_rms, c.simulated_rms, c.noise), c.unit, log_unit)
     return [
-        *(c.recording, "input" if c.is_input else c.role, c.channel, c.recorded_rms, c.simulated_rms, c.unit),
-        *(c.correlation, c.nrmse, delay, left, c.noise, c.low_hz, c.high_hz),
+        *(c.recording, "input" if c.is_input else c.role, c.channel, recorded, simulated, unit),
+        *(c.correlation, c.nrmse, delay, left, noise, c.low_hz, c.high_hz),
     ]
 
 

@@ -40,8 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name, what in (
         ("q", "set Q = q I"),
         ("r", "set R = r I"),
-        ("v1", "set V1 = v1 I"),
-        ("v2", "set V2 = v2 I"),
+        ("v1", "set the intensity of the process noise, V1 = v1 I"),
+        ("v2", "set the intensity of the measurement noise, V2 = v2 I"),
         ("alpha", "set the stability margin of the filter"),
     ):
         parser.add_argument(f"--{name}", type=float, help=f"{what}, in the units of --units{published}")

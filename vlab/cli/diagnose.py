@@ -3,7 +3,7 @@
 import argparse
 import json
 import shlex
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +117,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_out(
         parser,
-        "diagnosis.json, report.html, run.rrd the extended model and, for an MJCF model, files for MuJoCo alone to this folder (default: print only)",
+        "diagnosis.json, report.html, run.rrd, the extended model and, for an MJCF model, files for MuJoCo alone to this folder (default: print only)",
     )
 
 
@@ -180,12 +180,14 @@ def _continued(arguments: argparse.Namespace, result: Answer, first: Outcome, ou
         texts += ["", f"Diagnosis of {case}", "", _text(result.done.diagnosis), *written]
         folder = later
     named = [f"{f['effect']} at {f['place']}" for document in rounds for f in document["findings"]]
-    last = rounds[-1]["verdict"]
-    texts += [
-        "",
-        f"{len(rounds)} diagnoses; found: {', '.join(map(in_line, named)) or 'nothing'}; the last verdict is {last}",
-    ]
+    texts += ["", closing_words(len(rounds), named, rounds[-1]["verdict"])]
     return Outcome(document={**rounds[0], "rounds": rounds}, text="\n".join(texts))
+
+
+def closing_words(rounds: int, named: Sequence[str], last: str) -> str:
+    """Return the last line of a chain of diagnoses."""
+    count = "1 diagnosis" if rounds == 1 else f"{rounds} diagnoses"
+    return f"{count}; found: {', '.join(map(in_line, named)) or 'nothing'}; the last verdict is {last}"
 
 
 def _searched(arguments: argparse.Namespace, case: Case) -> Answer:

@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--plan",
         metavar="PLAN.toml",
         help="run a test plan of several records instead, and write run folders and a case; an interrupted plan continues "
-        "(example: assets/examples/plan.toml)",
+        "(for example example:plan.toml)",
     )
     parser.add_argument(
         "--code",

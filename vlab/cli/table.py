@@ -109,5 +109,6 @@ def _show(cell: Any) -> str:
     if isinstance(cell, bool):
         return "yes" if cell else "no"
     if isinstance(cell, float):
+        cell += 0.0  # no minus before a zero
         return f"{cell:.4g}" if abs(cell) < 1e-3 or abs(cell) >= 1e4 else f"{cell:.4f}".rstrip("0").rstrip(".")
     return in_line(cell)

@@ -11,7 +11,18 @@ from vlab.views.figures.modes import (
 from vlab.views.figures.nyquist import nyquist_figure
 from vlab.views.figures.poles import pole_figure
 from vlab.views.figures.response import frf_figure
-from vlab.views.figures.style import COLOURS, DASHES, GREY, INK, MARKERS, POINTS, channel_label, decimate, pretty_unit
+from vlab.views.figures.style import (
+    COLOURS,
+    DASHES,
+    GREY,
+    INK,
+    MARKERS,
+    POINTS,
+    ROLES,
+    channel_label,
+    decimate,
+    pretty_unit,
+)
 from vlab.views.figures.svg import to_png, to_svg
 from vlab.views.figures.traces import aligned, comparison_figure, residual_percent, spectrum_figure, traces_figure
 
@@ -22,6 +33,7 @@ __all__ = [
     "INK",
     "MARKERS",
     "POINTS",
+    "ROLES",
     "aligned",
     "bar_curve",
     "channel_label",

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from vlab.cases.compare import Comparison, RunComparison
+from vlab.cases.log_units import in_log_unit, log_units
 from vlab.files.text import as_sentence
 from vlab.views.figures import comparison_figure, to_svg
 from vlab.views.reports.page import Section, write_report
@@ -24,7 +25,7 @@ HEADERS = (
 
 
 def misfit_rows(comparison: Comparison) -> list[list[object]]:
-    """Return one row per recording and channel, under `HEADERS`.
+    """Return one row per recording and channel, under `HEADERS`, in units of the logs.
 
     Parameters
     ----------
@@ -37,16 +38,18 @@ def misfit_rows(comparison: Comparison) -> list[list[object]]:
         Cells of each row.
     """
     rows: list[list[object]] = []
+    units = log_units(comparison.case.table)
     for run in comparison.runs:
         for m in run.misfits:
             band = int(m.band_share.argmax())
             where = (
                 f"{100 * m.band_share[band]:.0f} % in {m.band_edges_hz[band]:.3g} to {m.band_edges_hz[band + 1]:.3g} Hz"
             )
+            errors, unit = in_log_unit((m.mean_error, m.rms_error), m.unit, units.get(m.channel))
             rows.append(
                 [
-                    *(run.run.name, run.run.role, m.channel, m.nrmse, m.vaf, m.mean_error, m.rms_error),
-                    *(m.rms_ratio, m.correlation, where, m.unit),
+                    *(run.run.name, run.run.role, m.channel, m.nrmse, m.vaf, *errors),
+                    *(m.rms_ratio, m.correlation, where, unit),
                 ]
             )
     return rows

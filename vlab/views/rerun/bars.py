@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from rerun.components import ColorBatch, LengthBatch, TensorDataBatch
 
 from vlab.signals import Array
-from vlab.views.rerun.rrd import plain
+from vlab.views.rerun.rrd import PAPER, plain
 
 _LOOK = rr.BarChart
 """_LOOK: archetype with the component descriptions of a bar chart."""
@@ -56,5 +56,23 @@ def log_bars(
 
 
 def bar_view(name: str, origin: str) -> Any:
-    """Return a view of the bars under an entity."""
-    return rrb.BarChartView(name=plain(name), origin=origin, plot_legend=rrb.PlotLegend(visible=False))
+    """Return a view of the bars under an entity.
+
+    Parameters
+    ----------
+    name : str
+        Name of the view.
+    origin : str
+        Entity.
+
+    Returns
+    -------
+    object
+        View.
+    """
+    return rrb.BarChartView(
+        name=plain(name),
+        origin=origin,
+        plot_legend=rrb.PlotLegend(visible=False),
+        background=rrb.archetypes.PlotBackground(color=PAPER),
+    )

@@ -12,13 +12,13 @@ from vlab.diagnose.validation.checked import Checked
 from vlab.signals import Recording
 from vlab.views.figures import channel_label, pretty_unit
 from vlab.views.rerun.documents import cell, fact_list, log_document
-from vlab.views.rerun.rrd import BLUE, GREY, ORANGE, blueprint, identity_of, plain, rrd_file
+from vlab.views.rerun.rrd import blueprint, identity_of, plain, role_rgb, rrd_file
 from vlab.views.rerun.traces import log_series, plot_view
 
 ROWS = 4
 """ROWS [-]: channels on one page."""
-_CURVES = (("measured", GREY, 2.5), ("nominal", ORANGE, 1.5), ("calibrated", ORANGE, 1.5), ("extended", BLUE, 1.5))
-"""_CURVES: labels and looks; of nominal and calibrated model only the nearer is drawn."""
+WIDTHS = {"measured": 2.5, "nominal": 1.5, "calibrated": 1.5, "extended": 1.5}
+"""WIDTHS [points]: line width by role, drawn in this order; of nominal and calibrated model only the nearer is drawn."""
 
 
 def write_scene(path: Path | str, checked: Sequence[Checked], *, title: str, facts: Mapping[str, object]) -> Path:
@@ -61,7 +61,7 @@ def write_scene(path: Path | str, checked: Sequence[Checked], *, title: str, fac
             channel = run.measured.channels[run.measured.index(name)]
             unit, origin = pretty_unit(channel.unit), f"/diagnosis/{i}/{j}"
             over = plot_view(
-                f"{channel_label(channel)} [{unit}]", origin, contents=[f"$origin/{_entity(n)}" for n, _, _ in _CURVES]
+                f"{channel_label(channel)} [{unit}]", origin, contents=[f"$origin/{_entity(n)}" for n in WIDTHS]
             )
             rest = plot_view(f"residual [{unit}]", origin, contents=["$origin/left/**"])
             rows.append(rrb.Horizontal(over, rest, column_shares=[3, 2], name=plain(name)))
@@ -87,8 +87,8 @@ def _recordings(checked: Sequence[Checked]) -> list[Recording]:
 def _log_channel(stream: Any, run: Checked, name: str, origin: str) -> None:
     time, truth = run.measured.time, run.measured[name]
     shown = {"measured": run.measured, run.stands: run.standing, "extended": run.extended}
-    for label, colour, width in _CURVES:
-        recording = shown.get(label)
+    for label, width in WIDTHS.items():
+        recording, colour = shown.get(label), role_rgb(label)
         if recording is None:
             continue  # unbounded simulation, or no added physics
         values = np.asarray(recording[name])
@@ -98,4 +98,8 @@ def _log_channel(stream: Any, run: Checked, name: str, origin: str) -> None:
 
 
 def _entity(label: str) -> str:
-    return label.replace(" ", "-")
+    """Return the entity of a curve.
+
+    The viewer draws entities by name, so the thick measurement comes first.
+    """
+    return f"{list(WIDTHS).index(label)}-{label}"

@@ -18,11 +18,13 @@ from rerun.chunk import RrdReader
 from vlab.errors import OutputRefused
 from vlab.files.leftovers import part_beside
 from vlab.signals import Array, Recording
-from vlab.views.figures import COLOURS
+from vlab.views.figures import COLOURS, ROLES
 
 APPLICATION = "vlab"
 BLUE, ORANGE, GREEN, PURPLE = (tuple(int(c[i : i + 2], 16) for i in (1, 3, 5)) for c in COLOURS[:4])
 GREY, LIGHT = (130, 130, 130), (225, 225, 225)
+PAPER = (255, 255, 255)
+"""PAPER: background of every plot; a black curve is invisible on the dark one of the viewer."""
 TOWARDS_EYE = np.array([0.72, -0.66, 0.16])
 EYE_DISTANCE = 1.13
 """EYE_DISTANCE [-]: distance of the default eye in extents of the scene."""
@@ -120,8 +122,16 @@ def send(stream: Any, path: str, indexes: list[Any], look: Any, columns: Any) ->
 
 def rgb(index: int) -> tuple[int, ...]:
     """Return the colour of a curve number."""
-    colour = COLOURS[index % len(COLOURS)]
-    return (120, 120, 120) if colour == "#000000" else tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    return _bytes(COLOURS[index % len(COLOURS)])
+
+
+def role_rgb(role: str) -> tuple[int, ...]:
+    """Return the colour of a role, that of the figures."""
+    return _bytes(ROLES[role]["color"])
+
+
+def _bytes(colour: str) -> tuple[int, ...]:
+    return tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
 
 
 def plain(words: object) -> str:

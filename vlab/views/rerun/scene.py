@@ -25,7 +25,7 @@ from vlab.views.rerun.control_law import LawScene
 from vlab.views.rerun.documents import cell, fact_list, level_table, log_document, response_pictures, run_facts
 from vlab.views.rerun.frames import Motion, port_deflections
 from vlab.views.rerun.modes import ModalScene
-from vlab.views.rerun.rrd import GREEN, GREY, ORANGE, arranged, blueprint, identity_of, plain, rrd_file
+from vlab.views.rerun.rrd import arranged, blueprint, identity_of, plain, role_rgb, rrd_file
 from vlab.views.rerun.spectra import SpectrumScene
 from vlab.views.rerun.structure import StructureScene, sensible_exaggeration
 from vlab.views.rerun.traces import PEAKS, log_series, log_traces, plot_view, trace_views
@@ -282,7 +282,7 @@ def write_comparison(
     rows, lines = [], ["", "| channel | unit | rms measured | rms residual | residual |", "|---|---|---|---|---|"]
     for i, (channel, _, truth, model) in enumerate(found):
         label = f"{channel_label(channel)} [{pretty_unit(channel.unit)}]"
-        over = plot_view(label, f"/comparison/{i}", contents=["$origin/measured", "$origin/simulated"])
+        over = plot_view(label, f"/comparison/{i}", contents=["$origin/measured", "$origin/nominal"])
         rest = plot_view(f"residual [{pretty_unit(channel.unit)}]", f"/comparison/{i}", contents=["$origin/residual"])
         rows.append(rrb.Horizontal(over, rest, column_shares=[3, 2], name=plain(channel.name)))
         levels = f"{np.sqrt(np.mean(truth**2)):.3g} | {np.sqrt(np.mean((truth - model) ** 2)):.3g}"
@@ -297,11 +297,11 @@ def write_comparison(
     with rrd_file(path, title, layout, identity_of(measured, simulated)) as stream:
         for i, (_, time, truth, model) in enumerate(found):
             curves = (
-                ("measured", truth, GREY, 2.5),
-                ("simulated", model, ORANGE, 1.5),
-                ("residual", truth - model, GREEN, 1.5),
+                ("measured", truth, 2.5),
+                ("nominal", model, 1.5),
+                ("residual", truth - model, 1.5),
             )
-            for what, values, colour, width in curves:
-                log_series(stream, f"comparison/{i}/{what}", time, values, what, colour, width=width)
+            for what, values, width in curves:
+                log_series(stream, f"comparison/{i}/{what}", time, values, what, role_rgb(what), width=width)
         log_document(stream, fact_list(title, facts or {}) + "\n" + "\n".join(lines))
     return Path(path)

@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 
 from vlab.signals import Array, Channel, Recording
 from vlab.views.figures import channel_label, pretty_unit
-from vlab.views.rerun.rrd import plain, rgb, time_columns
+from vlab.views.rerun.rrd import PAPER, plain, rgb, time_columns
 
 PEAKS = rr.components.AggregationPolicy.MinMax
 """PEAKS: thinning of traces by extremes; the viewer's default, the average, hides peaks."""
@@ -110,4 +110,5 @@ def plot_view(name: str, origin: str, *, contents: Any = "$origin/**") -> Any:
         contents=contents,
         axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
+        background=rrb.archetypes.PlotBackground(color=PAPER),
     )
