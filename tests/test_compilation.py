@@ -1,5 +1,7 @@
 """Compiled loops: kept between runs where there is a place for it, and needing none."""
 
+import ast
+import inspect
 import os
 import shutil
 import subprocess
@@ -11,8 +13,12 @@ import pytest
 
 import vlab.diagnose
 from vlab import compilation as compiling
+from vlab.cases import compiled_replay
 from vlab.compilation import compiled
+from vlab.diagnose.kernels import expression_graph, linear_system
 from vlab.diagnose.predictors import kalman
+from vlab.lab import compiled_loop
+from vlab.physics import compiled_commands, compiled_expression, compiled_ports
 
 USE = """
 import sys
@@ -105,3 +111,22 @@ def test_a_cache_that_goes_away_is_done_without(tmp_path, monkeypatch):
 def test_what_is_compiled_is_kept():
     assert kalman._with_room(np.ones((1, 1, 1))).shape == (2, 1, 1)
     assert list(Path(kalman._with_room._cache.cache_path).glob("kalman._with_room*.nbc"))
+
+
+LOOPS = (compiled_replay, compiled_loop, compiled_ports, compiled_commands, compiled_expression)
+KERNELS = (expression_graph, linear_system, kalman)
+
+
+@pytest.mark.parametrize("module", [*LOOPS, *KERNELS], ids=lambda module: module.__name__)
+def test_compiled_loops_assign_elements(module):
+    """A slice assignment of an array compiles the text of its error, which takes seconds of every first run."""
+    functions = [ast.parse(inspect.getsource(f.py_func)) for f in vars(module).values() if hasattr(f, "py_func")]
+    assert functions
+    for node in (node for tree in functions for node in ast.walk(tree) if isinstance(node, ast.Assign)):
+        sliced = [t for t in node.targets if isinstance(t, ast.Subscript) and any(map(is_slice, ast.walk(t.slice)))]
+        assert not sliced or isinstance(node.value, ast.Constant), ast.unparse(node)
+
+
+def is_slice(node):
+    """Return whether a part of an index is a slice."""
+    return isinstance(node, ast.Slice)

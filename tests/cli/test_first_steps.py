@@ -1,6 +1,8 @@
 """The first minutes of a newcomer: init, check, diagnose, and what is typed wrongly on the way."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -267,3 +269,11 @@ def test_noise_of_a_constant_reading_is_no_fault(capsys, tmp_path):
     status, out, _ = run(capsys, "check", str(tmp_path))
     assert status == 0
     assert "no channel shows the joint 'elbow_flex'" in out
+
+
+def test_modules_of_a_command_are_left_out_of_collections():
+    code = (
+        "import gc; from vlab.cli import main; main(['effects']); print(gc.isenabled(), gc.get_freeze_count() > 10_000)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split()[-2:] == ["True", "True"]

@@ -7,6 +7,7 @@ from rig_folder import Channel, Record, write_case
 
 from vlab.cases import load_case
 from vlab.diagnose.data.noise import estimate_noise
+from vlab.diagnose.data.settled import with_unsettled
 from vlab.diagnose.parameters.recorded_runs import read_runs
 
 CRANE = """
@@ -66,3 +67,10 @@ def test_periods_of_a_settled_motion_tell_the_noise(tmp_path):
     found = estimated(tmp_path, damping=60.0, stiffness=900.0, swivel=0.1)
     assert {noise.source for noise in found} == {"periods"}
     assert [noise.sigma for noise in found] == pytest.approx(SIGMA, rel=0.25)
+
+
+def test_a_settled_run_stays_the_run_whose_noise_is_known(tmp_path):
+    estimated(tmp_path, damping=60.0, stiffness=900.0, swivel=0.1)
+    case = load_case(tmp_path)
+    repeated = case.runs(("fit",))
+    assert all(one is other for one, other in zip(with_unsettled(repeated, case.plant), repeated, strict=True))

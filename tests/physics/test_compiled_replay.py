@@ -1,5 +1,7 @@
 """Replays in compiled code beside the same steps in Python."""
 
+import ast
+import inspect
 from types import SimpleNamespace
 
 import mujoco
@@ -161,3 +163,11 @@ def test_a_model_with_little_memory_stays_in_python(monkeypatch):
     monkeypatch.setattr(compiled_replay, "replay_compiled", refused)
     assert simulate(plant, rig.run, initial=rest).recording.data == pytest.approx(expected, rel=1e-9, abs=1e-12)
     assert asked
+
+
+def test_port_forces_compile_once():
+    """A replay calls them at readings and at steps; a constant argument is a type of its own, to be compiled again."""
+    tree = ast.parse(inspect.getsource(compiled_replay._run.py_func))
+    calls = [n for n in ast.walk(tree) if isinstance(n, ast.Call) and ast.unparse(n.func) == "add_port_forces"]
+    assert len(calls) == 2
+    assert not any(isinstance(argument, ast.Constant) for call in calls for argument in call.args)

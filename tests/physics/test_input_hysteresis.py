@@ -36,7 +36,7 @@ def test_a_play_operator_follows_behind_its_width():
     assert play(np.zeros((1, 3)), np.array([0.5, 1.0])).shape == (1, 3, 2)
 
 
-def test_blocks_of_samples_give_the_play_of_sample_after_sample():
+def test_a_signal_gives_the_play_of_sample_after_sample():
     u = np.cumsum(np.random.default_rng(1).standard_normal((777, 2)), axis=0)
     r = np.array([0.2, 1.0, 6.0, 1e3])
     now, one_by_one = np.zeros((2, 4)), []

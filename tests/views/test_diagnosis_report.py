@@ -31,6 +31,7 @@ from vlab.diagnose.validation.simulation import ExtendedModel, check, extended
 from vlab.errors import BadCase
 from vlab.lab import Experiment, run_experiment
 from vlab.lab.excitation import Multisine
+from vlab.parallel import limited_to
 from vlab.physics.attach import Attached, written
 from vlab.physics.catalogue import EFFECTS
 from vlab.plants.build import build_plant
@@ -416,3 +417,9 @@ def test_an_amended_structure_reproduces_its_error_from_its_files(tmp_path):
     files = amended_model.write_extended_model(done, out)
     assert abs(total(checked, "after") / total(checked, "before") - 1.0) > 0.01  # the friction counts
     assert files.nrmse == pytest.approx(files.reported, rel=1e-6)
+
+
+def test_sections_drawn_side_by_side_are_those_of_one_process(found):
+    with limited_to(1):
+        alone = diagnosis_report.sections(found[0])
+    assert diagnosis_report.sections(found[0]) == alone

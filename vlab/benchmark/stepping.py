@@ -1,5 +1,6 @@
 """CPU times of experiments beside bare MuJoCo and python-control."""
 
+import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -49,31 +50,41 @@ class Stepping:
     ratio: float
 
 
-def cpu_times(ours: Callable[[], Any], peer: Callable[[], Any], runs: int) -> tuple[float, float, float]:
+def cpu_seconds() -> float:
+    """Return the CPU time of this process and of its ended children [s]."""
+    times = os.times()
+    return time.process_time() + times.children_user + times.children_system
+
+
+def cpu_times(
+    ours: Callable[[], Any], peer: Callable[[], Any], runs: int, *, is_warm: bool = False
+) -> tuple[float, float, float]:
     """Return the median CPU times of two works, and their ratio.
 
-    The works take turns, so a slow phase of the machine meets both.
+    The works take turns, so a slow phase of the machine meets both. Processes that they fork count.
 
     Parameters
     ----------
     ours, peer : callable
-        Works; each runs once before its time is taken.
+        Works.
     runs : int
         Number of turns.
+    is_warm : bool
+        Whether the first turn counts; otherwise each work runs once before its time is taken.
 
     Returns
     -------
     tuple of float
         Time of both works [s], and peer over ours of one turn.
     """
-    taken = np.zeros((runs + 1, 2))
-    for turn in range(runs + 1):
+    taken = np.zeros((runs, 2))
+    for turn in range(runs if is_warm else runs + 1):
         for column, work in enumerate((ours, peer)):
-            begun = time.process_time()
+            begun = cpu_seconds()
             work()
-            taken[turn, column] = time.process_time() - begun
-    ours_s, peer_s = np.median(taken[1:], axis=0)
-    return float(ours_s), float(peer_s), float(np.median(taken[1:, 1] / taken[1:, 0]))
+            taken[turn % runs, column] = cpu_seconds() - begun
+    ours_s, peer_s = np.median(taken, axis=0)
+    return float(ours_s), float(peer_s), float(np.median(taken[:, 1] / taken[:, 0]))
 
 
 def stepping_times(*, progress: Callable[[str], None] = lambda text: None) -> Iterator[Stepping]:
@@ -149,7 +160,7 @@ def linear_times(*, progress: Callable[[str], None] = lambda text: None) -> Iter
 def replay_times(*, progress: Callable[[str], None] = lambda text: None) -> Iterator[Stepping]:
     """Time replays of real recordings beside bare steps of their plants.
 
-    A replay includes inputs, hysteresis at a joint, readings and resampling.
+    A replay includes inputs, readings and resampling, alone and with hysteresis at a joint.
 
     Parameters
     ----------
@@ -159,24 +170,25 @@ def replay_times(*, progress: Callable[[str], None] = lambda text: None) -> Iter
     Yields
     ------
     Stepping
-        Times of one recording.
+        Times of one recording, with or without hysteresis.
     """
     for name, joint in REPLAYED.items():
         progress(f"replay of {name}")
         case = load_case(asset(f"cases/{name}.toml"))
-        run, effect = case.runs(("fit",))[0], Attached(effect_named("bouc-wen"), joint, HYSTERESIS)
+        run, law = case.runs(("fit",))[0], Attached(effect_named("bouc-wen"), joint, HYSTERESIS)
         start = InitialState(qpos=case.plant.new_data().qpos.copy(), qvel=np.zeros(case.plant.model.nv), how="given")
         seconds = float(run.measured.time[-1] - run.measured.time[0])
         steps = round(seconds / plan_clock(case.plant.timestep, run).timestep)
-        ours = partial(simulate, attach(case.plant, [effect]), run, initial=start)
-        ours_s, bare_s, ratio = cpu_times(ours, partial(_bare, case.plant, steps), RUNS)
-        yield Stepping(
-            work=f"{name}: a recording replayed with hysteresis at a joint, CPU seconds per recorded second",
-            ours_s=ours_s / seconds,
-            peer="bare mj_step(nstep) of the same model, without hysteresis, inputs and readings",
-            peer_s=bare_s / seconds,
-            ratio=ratio,
-        )
+        for what, plant in (("without a law", case.plant), ("with hysteresis at a joint", attach(case.plant, [law]))):
+            ours = partial(simulate, plant, run, initial=start)
+            ours_s, bare_s, ratio = cpu_times(ours, partial(_bare, case.plant, steps), RUNS)
+            yield Stepping(
+                work=f"{name}: a recording replayed {what}, CPU seconds per recorded second",
+                ours_s=ours_s / seconds,
+                peer="bare mj_step(nstep) of the same model, without law, inputs and readings",
+                peer_s=bare_s / seconds,
+                ratio=ratio,
+            )
 
 
 def _bare(plant: Plant, steps: int) -> None:

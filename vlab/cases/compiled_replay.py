@@ -393,7 +393,8 @@ def _second_half_of_runge_kutta(model: int, data: int, view: Views, h: float) ->
         last = part * view.qvel
         for i in range(speed.size):
             view.qvel[i] = speed[i] + h * (part * view.qacc[i])
-        view.qpos[:] = position
+        for i in range(position.size):
+            view.qpos[i] = position[i]
         _integrate_position(model, view.qpos.ctypes.data, last.ctypes.data, h)
         _forward_skip(model, data, NO_STAGE, 1)
         for i in range(speed.size):
@@ -401,7 +402,8 @@ def _second_half_of_runge_kutta(model: int, data: int, view: Views, h: float) ->
             change[i] += weight * view.qacc[i]
     for i in range(speed.size):
         view.qvel[i] = speed[i] + h * change[i]
-    view.qpos[:] = position
+    for i in range(position.size):
+        view.qpos[i] = position[i]
     _integrate_position(model, view.qpos.ctypes.data, rate.ctypes.data, h)
 
 
@@ -425,6 +427,7 @@ def _run(
     n_readings, n_ports, moved = records.raw.shape[0], ports.rows.shape[0], np.empty(m.at_rest.size)
     steps = inputs.forces.shape[0] // max(n_readings - 1, 1)
     held = np.zeros(inputs.forces.shape[1])
+    keep = n_readings > 0  # True and False themselves would compile the port forces twice
     for k in range(span[0], span[1]):
         _copy_state(model, data, copy, INTEGRATION)
         if ahead > 0.0:
@@ -434,7 +437,7 @@ def _run(
             _forward(model, copy)
             if n_ports > 0:
                 commands = inputs.forces[k * steps - 1] if k > 0 else held
-                add_port_forces(model, copy, seen, ports, commands, time, False)
+                add_port_forces(model, copy, seen, ports, commands, time, not keep)
                 _forward_skip(model, copy, VELOCITY, 0)
                 add_effort_readings(seen, ports)
         elif sums.address.size == 0:
@@ -459,7 +462,7 @@ def _run(
             _apply(view, m, inputs.forces[step], inputs.loads[step], moved)
             first_half(model, data)
             if n_ports > 0:
-                add_port_forces(model, data, view, ports, inputs.forces[step], time, True)
+                add_port_forces(model, data, view, ports, inputs.forces[step], time, keep)
             if is_runge_kutta:
                 _second_half_of_runge_kutta(model, data, view, h)
             else:

@@ -33,6 +33,7 @@ from vlab.diagnose.precheck import Precheck, precheck_case
 from vlab.errors import BadCase, BadExperiment
 from vlab.files.output_folder import check_output, digests, is_untouched_draft, output_folder, write_manifest
 from vlab.files.text import in_line
+from vlab.parallel import limited_to
 from vlab.standalone.answer import FOLDER, PATCH
 from vlab.units import quantity
 
@@ -214,7 +215,8 @@ def _written(
     checked: Precheck | None = None,
 ) -> tuple[dict[str, Any], list[str]]:
     """Write the results, and return the document and lines on the files."""
-    with output_folder(out, overwrite=arguments.overwrite or draft is not None) as folder:
+    is_ours = arguments.overwrite or draft is not None
+    with limited_to(arguments.jobs), output_folder(out, overwrite=is_ours) as folder:
         result.write_into(folder)
         _write_drafted(folder, draft, checked)
     saved, diagnosis = json.loads((out / "diagnosis.json").read_text(encoding="utf-8")), result.done.diagnosis

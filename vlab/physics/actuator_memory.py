@@ -4,6 +4,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from vlab.physics.compiled_commands import play_outputs
 from vlab.physics.effect import ActuatorEffect, ActuatorStep, Parameter, Values
 from vlab.signals import Array
 
@@ -22,8 +23,7 @@ def play(u: Array, threshold: Array) -> Array:
     """Return the outputs of play operators from rest.
 
     A play operator keeps its output while the input moves within the threshold, and follows beyond: y(k) = min(max(y(k -
-    1), u(k) - r), u(k) + r) [1]_. Each step is a clipping, and clippings in sequence are one clipping. So blocks of
-    samples are reduced side by side, then taken one after another.
+    1), u(k) - r), u(k) + r) [1]_.
 
     Parameters
     ----------
@@ -41,24 +41,8 @@ def play(u: Array, threshold: Array) -> Array:
     ----------
     .. [1] M. Brokate and J. Sprekels, Hysteresis and Phase Transitions, Springer, 1996, section 2.3.
     """
-    n = len(u)
-    size = max(1, round(np.sqrt(n)))
-    count = -(-n // size)
-    padded = np.concatenate([u, np.repeat(u[-1:], count * size - n, axis=0)])
-    blocks = np.swapaxes(padded.reshape(count, size, *u.shape[1:]), 0, 1)[..., None]
-    low, high = blocks - threshold, blocks + threshold
-    least, most = np.full(low.shape[1:], -np.inf), np.full(low.shape[1:], np.inf)
-    for a, b in zip(low, high, strict=True):  # the clipping of a whole block
-        least, most = np.minimum(np.maximum(least, a), b), np.minimum(np.maximum(most, a), b)
-    now, state = np.zeros(low.shape[2:]), np.empty(low.shape[1:])
-    for k in range(count):
-        state[k] = now
-        now = np.minimum(np.maximum(now, least[k]), most[k])
-    out = np.empty(low.shape)
-    for j in range(size):
-        state = np.minimum(np.maximum(state, low[j]), high[j])
-        out[j] = state
-    return np.swapaxes(out, 0, 1).reshape(count * size, *out.shape[2:])[:n]
+    columns = np.ascontiguousarray(np.reshape(np.asarray(u, dtype=float), (len(u), -1)))
+    return np.asarray(play_outputs(columns, threshold).reshape(*np.shape(u), len(threshold)))
 
 
 class InputHysteresis(ActuatorEffect):

@@ -349,9 +349,13 @@ def _add_linear(c: CompiledPorts, v: Array, a: Array, z: Array, push: Array) -> 
         if np.all(np.isfinite(shared)):
             inverse = np.linalg.inv(shared)
             moved = inverse @ moved
-            c.working[:] = inverse @ c.working
+            working = inverse @ c.working
+            for i in range(n):
+                for j in range(n):
+                    c.working[i, j] = working[i, j]
         else:  # MuJoCo reports the diverged state
-            moved[:] = np.nan
+            for i in range(n):
+                moved[i] = np.nan
     for i in range(n):
         a[i] = moved[i]
 

@@ -34,10 +34,10 @@ def with_unsettled(runs: Sequence[Run], plant: Plant) -> tuple[Run, ...]:
     Returns
     -------
     tuple of Run
-        Runs with `Run.unsettled`.
+        Runs with `Run.unsettled`. A run that stays as it is keeps its known noise.
     """
     found = tuple(dict.fromkeys(name for run in runs for name in _unsettled(run, plant)))
-    return tuple(replace(run, unsettled=found) for run in runs)
+    return tuple(run if run.unsettled == found else replace(run, unsettled=found) for run in runs)
 
 
 def _unsettled(run: Run, plant: Plant) -> tuple[str, ...]:

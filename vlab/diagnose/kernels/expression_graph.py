@@ -231,7 +231,9 @@ def integrate_lanes(
                         after[i, e] += last[law, i, e]
                 if sub == 0:
                     _add(force, direct_law[law], y[k])
-            seen[:] = after
+            for i in range(sees):
+                for e in range(lanes):
+                    seen[i, e] = after[i, e]
         if k % CHECKED == 0 and not np.abs(state).max() < RUNAWAY:
             _keep_finite(state)
             last[:] = 0.0

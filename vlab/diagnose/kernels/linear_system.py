@@ -10,6 +10,13 @@ BLOCK = KERNELS.block
 """BLOCK [samples]: samples of a matrix product, a constant of the compiled loops."""
 
 
+@compiled(error_model="numpy")
+def _copy(row: Array, out: Array) -> None:  # pragma: no cover - compiled
+    """Copy a row; a slice assignment takes seconds to compile."""
+    for j in range(len(row)):
+        out[j] = row[j]
+
+
 @compiled(error_model="numpy", fastmath={"reassoc", "contract"})
 def _turned(
     turn: Array, drive_re: Array, drive_im: Array, re: Array, im: Array, count: int, substeps: int
@@ -18,7 +25,8 @@ def _turned(
     m = re.shape[1]
     per_sample = len(drive_re) // count
     for k in range(count):
-        re[k + 1], im[k + 1] = re[k], im[k]
+        for j in range(m):
+            re[k + 1, j], im[k + 1, j] = re[k, j], im[k, j]
         for sub in range(substeps):
             now = k * per_sample + min(sub, per_sample - 1)
             for j in range(m):
@@ -32,9 +40,11 @@ def _multiplied(step: Array, drive: Array, x: Array, count: int, substeps: int) 
     """Step states from sample 0 to `count`, in place."""
     per_sample = len(drive) // count
     for k in range(count):
-        x[k + 1] = x[k]
+        _copy(x[k], x[k + 1])
         for sub in range(substeps):
-            x[k + 1] = np.dot(x[k + 1], step) + drive[k * per_sample + min(sub, per_sample - 1)]
+            moved = np.dot(x[k + 1], step)
+            for j in range(len(moved)):
+                x[k + 1, j] = moved[j] + drive[k * per_sample + min(sub, per_sample - 1), j]
 
 
 @compiled(error_model="numpy", fastmath={"reassoc", "contract"})
@@ -82,7 +92,8 @@ def integrate_linear(
         of = min(s, inputs.shape[0] - 1)
         into_re, into_im = np.ascontiguousarray(into[s, :, :m]), np.ascontiguousarray(into[s, :, m:])
         for r in range(n_runs):
-            re[0], im[0] = state[s, r, :m], state[s, r, m:]
+            _copy(state[s, r, :m], re[0])
+            _copy(state[s, r, m:], im[0])
             for first in range(0, n, BLOCK):
                 count = min(BLOCK, n - first)
                 u = inputs[of, r, first : first + count]
@@ -93,8 +104,16 @@ def integrate_linear(
                 else:
                     _turned(turn[s], drive_re, drive_im, re, im, count, substeps)
                 out = y[s, r, first : first + count]
-                out[:] = np.dot(re[:count], rows[s, :m]) + np.dot(im[:count], rows[s, m:])
+                of_re, of_im = np.dot(re[:count], rows[s, :m]), np.dot(im[:count], rows[s, m:])
+                for k in range(count):
+                    for c in range(out.shape[1]):
+                        out[k, c] = of_re[k, c] + of_im[k, c]
                 if n_inputs > 0:
-                    out += np.dot(np.ascontiguousarray(u[:, 0]), direct[s])
-                re[0], im[0] = re[count], im[count]
-            state[s, r, :m], state[s, r, m:] = re[0], im[0]
+                    passed = np.dot(np.ascontiguousarray(u[:, 0]), direct[s])
+                    for k in range(count):
+                        for c in range(out.shape[1]):
+                            out[k, c] += passed[k, c]
+                _copy(re[count], re[0])
+                _copy(im[count], im[0])
+            _copy(re[0], state[s, r, :m])
+            _copy(im[0], state[s, r, m:])

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +18,12 @@ from vlab.diagnose.pipeline import Diagnosed
 from vlab.diagnose.validation.gap import gap_closed, total, whole_gap
 from vlab.files.output_folder import finite
 from vlab.files.text import as_sentence, in_digits
+from vlab.parallel import side_by_side
 from vlab.physics.catalogue import EFFECTS
 from vlab.recordings.files import written_whole
 from vlab.standalone.answer import FOLDER
 from vlab.views.figures import pretty_unit, to_svg
-from vlab.views.figures.diagnosis import (
-    calibration_figure,
-    force_figure,
-    ranking_figure,
-)
+from vlab.views.figures.diagnosis import calibration_figure, force_figure, ranking_figure
 from vlab.views.figures.diagnosis_response import responses
 from vlab.views.figures.model_drawing import model_figure
 from vlab.views.figures.restoring_force import restoring_force
@@ -151,20 +148,22 @@ def sections(done: Done, files: ExtendedModelFiles | None = None) -> list[Sectio
         Sections of the report.
     """
     diagnosis = done.diagnosis
-    out = [_found(done), _drawing(done)]
+    makers: list[Callable[[], list[Section]]] = [lambda: [_found(done)], lambda: [_drawing(done)]]
     if isinstance(done, FrequencyDiagnosed):
-        out += frequency_sections(done)
-    elif diagnosis.checked:
-        out.append(_overlays(done))
-    if not isinstance(done, FrequencyDiagnosed) and drawn_terms(done):
-        out.append(_forces(done))
+        makers.append(lambda: frequency_sections(done))
+    else:
+        if diagnosis.checked:
+            makers.append(lambda: [_overlays(done)])
+        if drawn_terms(done):
+            makers.append(lambda: [_forces(done)])
     if diagnosis.checked:
-        out.append(_errors(done))
-    out.append(_alternatives(done))
+        makers.append(lambda: [_errors(done)])
+    makers.append(lambda: [_alternatives(done)])
     if not isinstance(done, FrequencyDiagnosed) and any(c.standing is not None for c in diagnosis.checked):
-        out.append(_mismatch(done))
+        makers.append(lambda: [_mismatch(done)])
     if done.problem.parameters:
-        out.append(_calibration(done))
+        makers.append(lambda: [_calibration(done)])
+    out = [section for part in side_by_side(lambda make: make(), makers) for section in part]
     out.append(
         Section(
             title="Not excluded",
@@ -172,12 +171,7 @@ def sections(done: Done, files: ExtendedModelFiles | None = None) -> list[Sectio
             or ("No other effect and no other place that was tried fits as well.",),
         )
     )
-    out.append(
-        Section(
-            title="Next measurement",
-            text=(as_sentence(diagnosis.next_measurement),),
-        )
-    )
+    out.append(Section(title="Next measurement", text=(as_sentence(diagnosis.next_measurement),)))
     out.append(Section(title="Quality of the recordings", text=diagnosis.quality or ("No damage was found.",)))
     if files is not None:
         out.append(_files(done, files))
