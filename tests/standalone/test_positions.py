@@ -206,6 +206,6 @@ def test_terminal_report_and_json_say_why_there_is_no_answer(tmp_path):
 
     diagnosis = SimpleNamespace(notes=("first",), findings=(), is_naming=False, to_json=lambda: {"notes": ["first"]})
     result = SimpleNamespace(done=SimpleNamespace(diagnosis=diagnosis), write_into=write_into)
-    document, lines = _written(Namespace(overwrite=False, patch=False), result, tmp_path / "out")
+    document, lines = _written(Namespace(overwrite=False, patch=False, jobs=None), result, tmp_path / "out")
     assert document["notes"] == ["first", line]
     assert lines[-1] == line

@@ -29,16 +29,19 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
 
     The linear system along the motion is fitted to the recordings minus its difference from MuJoCo's run. Its
     derivatives are accurate where its values err slightly. Where the recordings stay unexplained, MuJoCo is the predictor
-    of the fit, as far as the number of steps allows.
+    of a final fit, as far as the number of steps allows.
 
     Parameters
     ----------
     screen : TrajectoryScoreTest
         Screening along the motion.
+    is_final : bool
+        Whether MuJoCo may be the predictor of a fit.
     """
 
-    def __init__(self, screen: TrajectoryScoreTest) -> None:
+    def __init__(self, screen: TrajectoryScoreTest, *, is_final: bool = False) -> None:
         super().__init__(screen, whole=True)
+        self.is_final = is_final
         self.recorded = [run.y for run in self.runs]
 
     def fit(
@@ -68,9 +71,13 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         self._compare_with(self.recorded)
         if np.isfinite(left):
             best = replace(best, cost=left, chi2=best.prior_cost + left)
-        if self._explains(left) or not is_affordable(self, terms):
+        if self._explains(left) or not self._may_be_direct(terms):
             return best
         return self._in_mujoco(best, self._direct.fit(terms, start, 0), tolerance)
+
+    def _may_be_direct(self, terms: Sequence[Term]) -> bool:
+        """Return whether MuJoCo may be the predictor of effects."""
+        return self.is_final and is_affordable(self, terms)
 
     def _explains(self, cost: float) -> bool:
         """Return whether a residual is that of noise and allowed model error."""
@@ -87,15 +94,13 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         """Fits with MuJoCo as predictor."""
         return DirectLeastSquares(self.moving)
 
-    def about(self, fit: Fit) -> TrajectoryLeastSquares:
+    def about(self, fit: Fit) -> "SimulatorLeastSquares":
         """See `LeastSquares`; the linear system with its defect at a fit removed.
 
-        Residuals are then those of MuJoCo at the fit, and to first order about the fit. MuJoCo is the predictor where the
-        fit explains too little and the steps are few. The defect stays where MuJoCo does not follow the recordings.
+        Residuals are then those of MuJoCo at the fit, and to first order about the fit. Where MuJoCo does not follow the
+        recordings, the defect stays.
         """
-        left, bias = self._missed(fit)
-        if not self._explains(left) and is_affordable(self, fit.terms):
-            return self._direct
+        _, bias = self._missed(fit)
         if bias is None:
             return self
         own = copy(self)
@@ -118,7 +123,7 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
             Normalised residual, infinite after divergence.
         """
         left, _ = self._missed(fit)
-        if not self._explains(left) and is_affordable(self, fit.terms):
+        if not self._explains(left) and self._may_be_direct(fit.terms):
             left = min(left, self._direct.fit(fit.terms, fit, 0).cost)
         return float(np.sqrt(left / sum(run.y.size for run in self.runs)))
 

@@ -239,7 +239,13 @@ class Confirmation:
         return gap is None or gap >= VERDICT.least_to_noise
 
     def _error(self, confirmed: Confirmed) -> float:
-        """Return the error of the extended model on the fitted recordings."""
+        """Return the error of the extended model on the fitted recordings.
+
+        Along a motion the weights are those of the fit. Shares of each recording's rms would let a recording that hardly
+        moves decide.
+        """
+        if isinstance(self.whole, SimulatorLeastSquares):
+            return self.whole.residual_in_mujoco(confirmed.after)
         checked = check(self.problem.runs, *self._models(confirmed), horizon_s=self.problem.horizon_s)
         return total(checked, "after")
 

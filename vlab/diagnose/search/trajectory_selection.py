@@ -5,7 +5,6 @@ from dataclasses import replace
 from functools import partial
 
 from vlab.diagnose.inference.calibration import calibrate
-from vlab.diagnose.inference.direct_least_squares import is_affordable
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.hypothesis_fits import (
     by_score,
@@ -99,9 +98,8 @@ def search_moving(
     if _leave_much(hypotheses) and not deadline.is_past:
         report(0.88, "fitting in MuJoCo")
         exact, bare, others = _in_mujoco(screen, before, hypotheses)
-        if (
-            others[0].normalised_residual < hypotheses[0].normalised_residual
-        ):  # elsewhere the corrections do not converge
+        is_less = others[0].normalised_residual < hypotheses[0].normalised_residual
+        if is_less:  # elsewhere the corrections do not converge
             whole = windows = exact
             screen, before, hypotheses = exact.moving, bare, others
     report(0.9, "adding effects")
@@ -116,7 +114,7 @@ def search_moving(
         problem=problem,
         screen=screen,
         windows=narrow,
-        whole=SimulatorLeastSquares(screen),
+        whole=SimulatorLeastSquares(screen, is_final=True),
         before=before,
         hypotheses=tuple(hypotheses),
         places=places,
@@ -160,10 +158,7 @@ def _in_mujoco(
     least = hypotheses[0].score - HYPOTHESIS_FITS.hopeless
     leading = [h for h in hypotheses if h.score > least]
     before, *scored = side_by_side(again, [before, *leading])
-    if _leave_much(scored) and is_affordable(whole, hypotheses[0].terms):  # the linear system ranks little
-        others = [h for h in hypotheses if h.score <= least and len(h.terms) == 1]
-        leading, scored = [*leading, *others], [*scored, *side_by_side(again, others)]
-    rest = changed_alike([h for h in hypotheses if h not in leading], leading, scored)
+    rest = changed_alike(hypotheses[len(leading) :], leading, scored)
     return whole, before, by_score(scored, rest)
 
 
