@@ -13,6 +13,7 @@ from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquare
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.parameters.terms import Term, with_effects
 from vlab.diagnose.search.model_class import TrajectoryLinearised, choose_model_class
+from vlab.errors import Diverged
 from vlab.physics.catalogue import CANDIDATES
 
 INERTIA, DAMPING, GAIN, RATE, WEIGHT = 0.02, 0.05, 8.0, 0.4, 0.3 * 9.81 * 0.05  # the last is a moment, hanging
@@ -123,3 +124,24 @@ def test_large_models_keep_the_linear_system(weak, monkeypatch):
     assert is_affordable(exact, [force_limit(weak, 0.5)])
     monkeypatch.setattr(weak.screen.problem.plant.model.opt, "timestep", 1e-5)
     assert not is_affordable(exact, [force_limit(weak, 0.5)])
+
+
+def test_earlier_fits_have_no_influence(weak):
+    fresh, used = (TrajectoryLeastSquares(weak.screen, whole=True) for _ in range(2))
+    used.fit([force_limit(weak, 0.2)])
+    (one, other) = (of.fit([force_limit(weak, 2.5)]) for of in (fresh, used))
+    assert one.cost == other.cost
+    assert one.terms[0].values == other.terms[0].values
+
+
+def test_a_run_that_diverges_is_worse_than_every_other(weak, monkeypatch):
+    exact = SimulatorLeastSquares(weak.screen)
+    followed = exact.fit()
+
+    def diverges(*_: object) -> np.ndarray:
+        raise Diverged("by order")
+
+    monkeypatch.setattr("vlab.diagnose.inference.simulator_least_squares.run_in_mujoco", diverges)
+    lost = exact.fit()
+    assert lost.cost > 1e3 * followed.cost
+    assert lost.prior_cost == pytest.approx(followed.prior_cost, rel=0.5)

@@ -52,7 +52,7 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         thetas: Sequence[Array] = (),
         tolerance: float = FIT.near_enough,
     ) -> Fit:
-        """See `LeastSquares`; the cost is that of MuJoCo's run, where MuJoCo does not diverge."""
+        """See `LeastSquares`; the cost is that of MuJoCo's run."""
         self._compare_with(self.recorded)
         best = super().fit(terms, start, iterations, thetas, tolerance)
         left, bias = self._missed(best)
@@ -69,11 +69,16 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
             if is_enough:
                 break
         self._compare_with(self.recorded)
-        if np.isfinite(left):
-            best = replace(best, cost=left, chi2=best.prior_cost + left)
+        left = min(left, self._diverged)
+        best = replace(best, cost=left, chi2=best.prior_cost + left)
         if self._explains(left) or not self._may_be_direct(terms):
             return best
-        return self._in_mujoco(best, self._direct.fit(terms, start, 0), tolerance)
+        return self._in_mujoco(best, self._direct.fit(terms, start, 0), iterations, tolerance)
+
+    @property
+    def _diverged(self) -> float:
+        """Cost of a diverged run, beyond that of every run that is one."""
+        return SIMULATOR_FIT.diverged**2 * sum(run.y.size for run in self.runs)
 
     def _may_be_direct(self, terms: Sequence[Term]) -> bool:
         """Return whether MuJoCo may be the predictor of effects."""
@@ -83,10 +88,10 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         """Return whether a residual is that of noise and allowed model error."""
         return cost <= HYPOTHESIS_FITS.enough**2 * sum(run.y.size for run in self.runs)
 
-    def _in_mujoco(self, best: Fit, start: Fit, tolerance: float) -> Fit:
+    def _in_mujoco(self, best: Fit, start: Fit, iterations: int, tolerance: float) -> Fit:
         """Return the fit with MuJoCo as predictor, from the better of two fits."""
         first = min(start, self._direct.fit(best.terms, best, 0), key=self.negative_log_posterior)
-        found = self._direct.fit(first.terms, first, SIMULATOR_FIT.steps, tolerance=tolerance)
+        found = self._direct.fit(first.terms, first, min(iterations, SIMULATOR_FIT.steps), tolerance=tolerance)
         return min(best, found, key=self.negative_log_posterior)
 
     @cached_property
@@ -124,7 +129,8 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         """
         left, _ = self._missed(fit)
         if not self._explains(left) and self._may_be_direct(fit.terms):
-            left = min(left, self._direct.fit(fit.terms, fit, 0).cost)
+            direct = self._direct.fit(fit.terms, fit, 0).cost
+            left = direct if direct < min(left, self._diverged) else left
         return float(np.sqrt(left / sum(run.y.size for run in self.runs)))
 
     def _compare_with(self, recorded: Sequence[Array]) -> None:

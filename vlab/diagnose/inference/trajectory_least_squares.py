@@ -5,7 +5,8 @@ of `vlab.diagnose.inference.least_squares`, with matrices of every sample.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -17,6 +18,7 @@ from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.parameter_vector import ParameterVector
 from vlab.diagnose.inference.ridge_regression import ridge_inverse
+from vlab.diagnose.inference.run_part import Part
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import relative_changes
@@ -32,27 +34,6 @@ from vlab.diagnose.settings import FIT, TRAJECTORY, TRAJECTORY_FIT, TRAJECTORY_I
 from vlab.physics.effect import ActuatorEffect, Effect, PortEffect, SensorEffect, Step, Values
 from vlab.physics.servo import ServoEffect
 from vlab.signals import Array
-
-
-@dataclass(frozen=True)
-class Part:
-    """Samples of a run in a window.
-
-    Parameters
-    ----------
-    run : int
-        Index of the run.
-    first, end : int
-        First sample, and end of the window.
-    """
-
-    run: int
-    first: int
-    end: int
-
-    def of(self, series: Array) -> Array:
-        """Return the window of a series (n, n_runs, ...)."""
-        return np.asarray(series[self.first : self.end, self.run])
 
 
 class TrajectoryLeastSquares(LeastSquares):
@@ -103,7 +84,26 @@ class TrajectoryLeastSquares(LeastSquares):
         self.first_starts = [run.start for run in runs]
         self.free_starts = {}
         self.directions = self._identifiable()
-        self.free_starts = self.initial_condition_nuisance()
+        self.free_starts = self.first_free_starts = self.initial_condition_nuisance()
+
+    def fit(
+        self,
+        terms: Sequence[Term] = (),
+        start: Fit | None = None,
+        iterations: int = FIT.iterations,
+        thetas: Sequence[Array] = (),
+        tolerance: float = FIT.near_enough,
+    ) -> Fit:
+        """See `LeastSquares`; the starts of an earlier fit have no influence."""
+        self.runs = [replace(run, start=first) for run, first in zip(self.runs, self.first_starts, strict=True)]
+        self.free_starts = self.first_free_starts
+        return super().fit(terms, start, iterations, thetas, tolerance)
+
+    def about(self, fit: Fit) -> "TrajectoryLeastSquares":
+        """See `LeastSquares`; the starts are those of the fit."""
+        own = copy(self)
+        own.move_starts(fit.terms, fit.theta, [dict(t.values) for t in fit.terms], fit.offsets)
+        return own
 
     @property
     def correlated_error(self) -> float:

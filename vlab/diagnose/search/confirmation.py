@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
 from vlab.diagnose.data_findings import DataFindings
 from vlab.diagnose.inference.calibration import calibrate
 from vlab.diagnose.inference.evidence import Hypothesis
@@ -204,7 +206,8 @@ class Confirmation:
         if not self.problem.model_kind.has_mesh_error and is_prior_driven(both, single):
             return confirmed  # one effect suffices with implausible parameters only
         one = self._first_confirmed(alone)
-        if not self._error(one) <= GAP.no_worse * self._error(confirmed):
+        error = self._error(one)
+        if not (np.isfinite(error) and error <= GAP.no_worse * self._error(confirmed)):
             return confirmed
         why = f"the residual in MuJoCo is as small with {one.choice.best.label} alone"
         return replace(one, rejected=(*confirmed.rejected, *_dropped([(both.label, why)])))

@@ -119,7 +119,7 @@ class ForwardSelection:
             out += further
             if not is_better and count > len(start.terms) + 1:  # one of two effects alone may explain nothing
                 break
-            if start.terms and larger[0].score < by_score(out)[0].score - HYPOTHESIS_FITS.hopeless:
+            if start.is_one_law and larger[0].score < by_score(out)[0].score - HYPOTHESIS_FITS.hopeless:
                 break  # a law in all joints that fewer effects surpass by far
             level = larger
         return out

@@ -98,8 +98,8 @@ def search_moving(
     if _leave_much(hypotheses) and not deadline.is_past:
         report(0.88, "fitting in MuJoCo")
         exact, bare, others = _in_mujoco(screen, before, hypotheses)
-        is_less = others[0].normalised_residual < hypotheses[0].normalised_residual
-        if is_less:  # elsewhere the corrections do not converge
+        linear = scored_by(whole, hypotheses[0].long_fit)
+        if others[0].normalised_residual < linear.normalised_residual:  # elsewhere the corrections do not converge
             whole = windows = exact
             screen, before, hypotheses = exact.moving, bare, others
     report(0.9, "adding effects")

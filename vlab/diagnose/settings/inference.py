@@ -85,8 +85,8 @@ class HypothesisFitsSettings:
     """enough [1]: normalised residual below which a hypothesis explains the recordings, above 1; default untested.
     Raising it ends the search earlier."""
     hopeless: float = 12.0
-    """hopeless [nat]: score below the best at which a hypothesis is dropped once the recordings are explained, above 0;
-    default untested. Raising it fits more hypotheses to convergence."""
+    """hopeless [nat]: score below the best at which a hypothesis is dropped, above 0; default untested. A law in all joints
+    that far behind ends its selection. Raising it fits more hypotheses to convergence."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -339,6 +339,9 @@ class SimulatorFitSettings:
     follows: float = 0.5
     """follows [1]: largest residual of MuJoCo's run over a recording's rms for a valid correction, above 0; default
     untested. Raising it corrects worse fits."""
+    diverged: float = 1e5
+    """diverged [1]: normalised residual of a run that diverges, above that of every run that does not; default above the
+    ratio of motion and noise. Raising it loses the prior cost by rounding."""
     most_steps: float = 1e5
     """most_steps [1]: integration steps times degrees of freedom of a Jacobian in MuJoCo, above 0; default half a second.
     Raising it fits larger models in MuJoCo itself, and costs time."""
