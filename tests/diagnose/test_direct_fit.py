@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from vlab.cases.case import load_case
 from vlab.cases.simulate import simulate
-from vlab.diagnose.inference.direct_least_squares import DirectLeastSquares, is_affordable, sensor_gains, state_at
+from vlab.diagnose.inference.direct_least_squares import DirectLeastSquares, is_affordable, state_at
 from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquares
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.parameters.terms import Term, with_effects
@@ -106,7 +106,9 @@ def test_the_predictor_is_mujoco_itself(weak):
     run = weak.problem.runs[0]
     start = state_at(direct, 0, direct.runs[0].start)
     stepped = simulate(plant, run, initial=start).recording["angle"]
-    assert np.allclose(y[: len(stepped), 0, 0], sensor_gains(direct, fit.theta)[0] * stepped, atol=1e-9)
+    assert np.allclose(
+        y[: len(stepped), 0, 0], direct.reduced_model.gains(fit.theta[None])[1][0, 0] * stepped, atol=1e-9
+    )
 
 
 def test_a_corrected_linear_system_has_the_residual_of_mujoco(tmp_path):

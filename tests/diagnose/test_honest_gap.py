@@ -382,7 +382,7 @@ def test_probabilities_are_printed_as_far_as_they_are_told():
 class Whole:
     """Fits whose costs are looked up by their effects' names."""
 
-    effective_samples, noise_share, runs = 1000.0, 0.0, (SimpleNamespace(y=np.zeros(100)),)
+    effective_samples, noise_share, n_values = 1000.0, 0.0, 100
 
     def __init__(self, **costs):
         self.costs = costs

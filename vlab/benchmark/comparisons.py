@@ -1,6 +1,5 @@
 """Computing times beside the usual tools, measured in one run."""
 
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -10,7 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from vlab.benchmark.designs import design_timings
-from vlab.benchmark.stepping import cpu_times, linear_times, replay_times, stepping_times
+from vlab.benchmark.stepping import cpu_times, linear_times, replay_times, shortest, stepping_times
 from vlab.cases.case import load_case
 from vlab.controllers import Controller, LinearLaw
 from vlab.diagnose.inference.least_squares import LeastSquares
@@ -71,7 +70,7 @@ def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Ro
     law, fe = published_law(structure, "mfdrf"), build_fe_model(structure)
     excitation = Multisine(level=0.2, period_s=10.0, seed=1)
     progress("scipy solve_ivp on the FE state space")
-    peer_s = _best(lambda: integrate_with_scipy(fe, hardware, law, excitation, seconds=PEER_S), 2) / PEER_S
+    peer_s = shortest(lambda: integrate_with_scipy(fe, hardware, law, excitation, seconds=PEER_S), 2) / PEER_S
     rows = []
     for name in ("composite", "modal"):
         progress(f"{name} plant")
@@ -79,7 +78,7 @@ def run_bench(*, progress: Callable[[str], None] = lambda text: None) -> list[Ro
         experiment = Experiment(
             plant=plant, seconds=OURS_S, excitation=excitation, excite="base", controller=law, hardware=hardware
         )
-        ours_s = _best(lambda: run_experiment(experiment), 6) / OURS_S  # noqa: B023 - called at once
+        ours_s = shortest(lambda: run_experiment(experiment), 6) / OURS_S  # noqa: B023 - called at once
         rows.append(
             Row(
                 work=f"beam, {name} plant, MFDRF at 2 kHz with delay and filter, per simulated second",
@@ -209,7 +208,7 @@ def tick_row() -> Row:
 
     def seconds(controller: Controller | None) -> float:
         experiment = Experiment(plant=plant, seconds=OURS_S, hardware=hardware, controller=controller)
-        return _best(lambda: run_experiment(experiment), 5) / OURS_S
+        return shortest(lambda: run_experiment(experiment), 5) / OURS_S
 
     open_s = seconds(None)
     ours_s, peer_s = seconds(law) - open_s, seconds(PlainObserver(law)) - open_s
@@ -227,16 +226,6 @@ def tick_row() -> Row:
 def as_document(rows: list[Row]) -> dict[str, Any]:
     """Return plain data for JSON."""
     return {"rows": [asdict(row) for row in rows]}
-
-
-def _best(work: Callable[[], Any], times: int) -> float:
-    """Return the shortest of several timings."""
-    best = np.inf
-    for _ in range(times):
-        begun = time.perf_counter()
-        work()
-        best = min(best, time.perf_counter() - begun)
-    return float(best)
 
 
 def integrate_with_scipy(

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import linalg
 from scipy.optimize import minimize
 
-from vlab.benchmark.stepping import cpu_seconds, cpu_times
+from vlab.benchmark.stepping import cpu_seconds, cpu_times, shortest
 from vlab.controllers import lqdrf, lqg, mfdrf
 from vlab.design import performance
 from vlab.design.published_tables import published_design, published_table
@@ -91,7 +91,7 @@ def _rate_feedback(
     law: str, fe: FeModel, starts: int, ours: Callable[[], float], objective: Callable[[Array], float]
 ) -> Timing:
     best: list[float] = []
-    ours_s = _best(lambda: best.append(ours()), 3)
+    ours_s = shortest(lambda: best.append(ours()), 3, cpu_seconds)
     begun = cpu_seconds()
     found = [with_slsqp(fe, objective, seed) for seed in range(PEER_STARTS)]
     peer_s = (cpu_seconds() - begun) * starts / PEER_STARTS
@@ -184,12 +184,3 @@ def _table_9_with_control(
         P: Any = control.lyap(closed.T, (weight + weight.T) / 2, method="scipy")
         out.append(np.einsum("ik,ij,jk->k", start, P, start))
     return out
-
-
-def _best(work: Callable[[], Any], times: int) -> float:
-    taken = []
-    for _ in range(times):
-        begun = cpu_seconds()
-        work()
-        taken.append(cpu_seconds() - begun)
-    return min(taken)

@@ -1,4 +1,4 @@
-"""Writing time of a long recording for Rerun, beside one call a channel."""
+"""Writing time of a long recording for Rerun."""
 
 import tempfile
 from pathlib import Path

@@ -51,9 +51,34 @@ class Stepping:
 
 
 def cpu_seconds() -> float:
-    """Return the CPU time of this process and of its ended children [s]."""
+    """Return the CPU time with that of ended children [s]."""
     times = os.times()
     return time.process_time() + times.children_user + times.children_system
+
+
+def shortest(work: Callable[[], Any], times: int, clock: Callable[[], float] = time.perf_counter) -> float:
+    """Return the shortest of several timings.
+
+    Parameters
+    ----------
+    work : callable
+        Work.
+    times : int
+        Number of timings.
+    clock : callable
+        Clock [s]; elapsed time by default.
+
+    Returns
+    -------
+    float
+        Time [s].
+    """
+    taken = []
+    for _ in range(times):
+        begun = clock()
+        work()
+        taken.append(clock() - begun)
+    return min(taken)
 
 
 def cpu_times(

@@ -1,4 +1,4 @@
-"""Units of the logs of a case, in which its tables read best."""
+"""Units of the logs, in which tables read best."""
 
 from vlab.cases.description import CaseTable
 from vlab.units import from_si, same_dimension

@@ -170,7 +170,7 @@ def check_words(checked: Precheck) -> str:
 
 
 def _row(c: ChannelCheck, log_unit: str | None) -> list[object]:
-    """Return the cells of a channel, its sizes in the unit of the log."""
+    """Return a channel's cells, sizes in the log's unit."""
     left = (
         None if c.left_now is None or c.left_shifted is None else f"{100 * c.left_now:.3g}, {100 * c.left_shifted:.3g}"
     )

@@ -44,6 +44,7 @@ class DirectLeastSquares(TrajectoryLeastSquares):
         out = np.full(
             (self.length, len(theta), len(self.parts), len(self.problem.channels)), TRAJECTORY_INTEGRATION.far
         )
+        _, gains = self.reduced_model.gains(theta)
         for s, own in enumerate(theta):
             acting = [
                 replace(term, values={name: float(value[s]) for name, value in given.items()})
@@ -53,13 +54,12 @@ class DirectLeastSquares(TrajectoryLeastSquares):
                 plant = with_effects(self.problem.adjusted(own), acting, self.problem.names)
             except VlabError:
                 continue
-            gains = sensor_gains(self, own)
             for w, run in enumerate(runs):
                 try:
                     y = run_in_mujoco(self, plant, w, state_at(self, w, starts[s, w]))
                 except VlabError:
                     continue
-                out[: len(run), s, w] = y * gains
+                out[: len(run), s, w] = y * gains[s]
         return np.clip(out, -TRAJECTORY_INTEGRATION.far, TRAJECTORY_INTEGRATION.far)
 
 
@@ -68,28 +68,6 @@ def is_affordable(of: TrajectoryLeastSquares, terms: Sequence[Term]) -> bool:
     numbers = of.directions.shape[1] + sum(len(term.effect.parameters) for term in terms) + 2 * of.reduced_model.m
     steps = sum(len(run) * run.h for run in of.runs) / of.problem.plant.timestep
     return numbers * steps * of.reduced_model.m <= SIMULATOR_FIT.most_steps
-
-
-def sensor_gains(of: TrajectoryLeastSquares, theta: Array) -> Array:
-    """Return the gains of the sensors at given log factors.
-
-    Parameters
-    ----------
-    of : TrajectoryLeastSquares
-        Runs.
-    theta : (n_changes,) array
-        Log factors.
-
-    Returns
-    -------
-    (n_channels,) array
-        Gains.
-    """
-    out = np.ones(len(of.problem.channels))
-    for change, value in zip(of.reduced_model.changes, theta, strict=True):
-        if change.sensor is not None:
-            out[change.sensor] = np.exp(value)
-    return out
 
 
 def state_at(of: TrajectoryLeastSquares, index: int, start: Array) -> InitialState:
@@ -117,7 +95,7 @@ def state_at(of: TrajectoryLeastSquares, index: int, start: Array) -> InitialSta
 
 
 def run_in_mujoco(of: TrajectoryLeastSquares, plant: Plant, index: int, start: InitialState) -> Array:
-    """Return MuJoCo's channels (n, n_channels) at the samples of a run or part.
+    """Return MuJoCo's channels at a run's or part's samples.
 
     Parameters
     ----------

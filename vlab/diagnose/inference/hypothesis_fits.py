@@ -43,7 +43,7 @@ def scored_by(refiner: LeastSquares, fit: Fit, log_likelihood_gain: float = 0.0)
     """
     return scored(
         fit,
-        sum(run.y.size for run in refiner.runs),
+        refiner.n_values,
         refiner.effective_samples,
         log_likelihood_gain,
         floor=floor_of(refiner),
@@ -198,7 +198,12 @@ def hopeful(order: Sequence[Hypothesis]) -> int:
     """
     if not order or min(h.normalised_residual for h in order) > HYPOTHESIS_FITS.enough:
         return len(order)
-    return sum(h.score > order[0].score - HYPOTHESIS_FITS.hopeless for h in order)
+    return len(near_best(order))
+
+
+def near_best(order: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return the hypotheses (by score) that are not hopeless beside the best."""
+    return [h for h in order if h.score > order[0].score - HYPOTHESIS_FITS.hopeless]
 
 
 def finished(refiner: LeastSquares, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:

@@ -77,8 +77,7 @@ class LeastSquares:
         """Set the samples' weights and effective sample sizes."""
         self.model_error = self.problem.model_error if model_error is None else model_error
         self.sigma = np.array([np.hypot(run.noise, self.model_error * run.scale) for run in self.runs])
-        samples = sum(run.y.size for run in self.runs)
-        self.effective_samples = samples * min(1.0, 2.0 / RUNS.points_per_cycle)
+        self.effective_samples = self.n_values * min(1.0, 2.0 / RUNS.points_per_cycle)
         noise = np.array([run.noise for run in self.runs])
         scale = np.array([run.scale for run in self.runs])
         self.noise_share = float(np.mean((noise / self.sigma) ** 2))
@@ -280,17 +279,25 @@ class LeastSquares:
         Fit
             Fit of least negative log posterior.
         """
+        self.forget_starts()
         vector = self.vector(terms)
         first, *others = starting_vectors(self, vector, start, thetas)
         best = self.descend(vector, first, iterations, tolerance)
-        samples = sum(run.y.size for run in self.runs)
         for x in (
             others
         ):  # further starts only where the first one missed the noise level, or ended far from the prior means
-            if best.cost < FIT.explained * samples and best.prior_cost < FIT.distant * vector.r:
+            if best.cost < FIT.explained * self.n_values and best.prior_cost < FIT.distant * vector.r:
                 break
             best = min(best, self.descend(vector, x, iterations, tolerance), key=self.negative_log_posterior)
         return best
+
+    def forget_starts(self) -> None:
+        """Forget the initial states of an earlier fit; here the parameter vector holds them."""
+
+    @property
+    def n_values(self) -> int:
+        """Number of values in a fit's cost."""
+        return sum(run.y.size for run in self.runs)
 
     def about(self, fit: Fit) -> "LeastSquares":
         """Return the least squares whose residuals are exact at a fit.
@@ -461,7 +468,7 @@ class LeastSquares:
         """
         theta, offsets, starts, values = self._unpacked(vector, X)
         priors = vector.priors
-        samples = sum(run.y.size for run in self.runs)
+        samples = self.n_values
         out = np.empty((len(X), priors + samples + 2 * self.reduced_model.m * len(self.free_starts)))
         out[:, :priors] = X[:, :priors]  # of unit variance
         if not len(X):

@@ -1,4 +1,4 @@
-"""Part of a run that is fitted from a state of its own."""
+"""Part of a run with a state of its own."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Final fit in MuJoCo, with derivatives of the trajectory-linearised system."""
+"""Fits in MuJoCo, with derivatives of the trajectory-linearised system."""
 
 from collections.abc import Sequence
 from copy import copy
@@ -12,7 +12,6 @@ from vlab.diagnose.inference.direct_least_squares import (
     DirectLeastSquares,
     is_affordable,
     run_in_mujoco,
-    sensor_gains,
     state_at,
 )
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
@@ -73,12 +72,12 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         best = replace(best, cost=left, chi2=best.prior_cost + left)
         if self._explains(left) or not self._may_be_direct(terms):
             return best
-        return self._in_mujoco(best, self._direct.fit(terms, start, 0), iterations, tolerance)
+        return self._directly(best, self._direct.fit(terms, start, 0), iterations, tolerance)
 
     @property
     def _diverged(self) -> float:
-        """Cost of a diverged run, beyond that of every run that is one."""
-        return SIMULATOR_FIT.diverged**2 * sum(run.y.size for run in self.runs)
+        """Cost of a diverged run, above that of all others."""
+        return SIMULATOR_FIT.diverged**2 * self.n_values
 
     def _may_be_direct(self, terms: Sequence[Term]) -> bool:
         """Return whether MuJoCo may be the predictor of effects."""
@@ -86,10 +85,10 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
 
     def _explains(self, cost: float) -> bool:
         """Return whether a residual is that of noise and allowed model error."""
-        return cost <= HYPOTHESIS_FITS.enough**2 * sum(run.y.size for run in self.runs)
+        return cost <= HYPOTHESIS_FITS.enough**2 * self.n_values
 
-    def _in_mujoco(self, best: Fit, start: Fit, iterations: int, tolerance: float) -> Fit:
-        """Return the fit with MuJoCo as predictor, from the better of two fits."""
+    def _directly(self, best: Fit, start: Fit, iterations: int, tolerance: float) -> Fit:
+        """Return the direct fit from the better of two fits."""
         first = min(start, self._direct.fit(best.terms, best, 0), key=self.negative_log_posterior)
         found = self._direct.fit(first.terms, first, min(iterations, SIMULATOR_FIT.steps), tolerance=tolerance)
         return min(best, found, key=self.negative_log_posterior)
@@ -131,7 +130,7 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         if not self._explains(left) and self._may_be_direct(fit.terms):
             direct = self._direct.fit(fit.terms, fit, 0).cost
             left = direct if direct < min(left, self._diverged) else left
-        return float(np.sqrt(left / sum(run.y.size for run in self.runs)))
+        return float(np.sqrt(left / self.n_values))
 
     def _compare_with(self, recorded: Sequence[Array]) -> None:
         self.runs = [replace(run, y=y) for run, y in zip(self.runs, recorded, strict=True)]
@@ -145,7 +144,7 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
             found = side_by_side(lambda i: run_in_mujoco(self, plant, i, states[i]), range(len(states)))
         except VlabError:
             return np.inf, None
-        gains = sensor_gains(self, fit.theta)
+        _, (gains,) = self.reduced_model.gains(fit.theta[None])
         bias, left, worst = [], 0.0, 0.0
         for i, (values, run) in enumerate(zip(found, self.runs, strict=True)):
             y = values * gains + fit.offsets

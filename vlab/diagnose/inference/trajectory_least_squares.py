@@ -86,18 +86,10 @@ class TrajectoryLeastSquares(LeastSquares):
         self.directions = self._identifiable()
         self.free_starts = self.first_free_starts = self.initial_condition_nuisance()
 
-    def fit(
-        self,
-        terms: Sequence[Term] = (),
-        start: Fit | None = None,
-        iterations: int = FIT.iterations,
-        thetas: Sequence[Array] = (),
-        tolerance: float = FIT.near_enough,
-    ) -> Fit:
-        """See `LeastSquares`; the starts of an earlier fit have no influence."""
+    def forget_starts(self) -> None:
+        """See `LeastSquares`."""
         self.runs = [replace(run, start=first) for run, first in zip(self.runs, self.first_starts, strict=True)]
         self.free_starts = self.first_free_starts
-        return super().fit(terms, start, iterations, thetas, tolerance)
 
     def about(self, fit: Fit) -> "TrajectoryLeastSquares":
         """See `LeastSquares`; the starts are those of the fit."""

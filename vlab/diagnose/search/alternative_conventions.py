@@ -105,7 +105,7 @@ def choose_convention(
         Better convention, or None.
     """
     best = choose_model(found).best.long_fit
-    left = best.cost / _samples(found.whole)
+    left = best.cost / found.whole.n_values
     of_clock = any(_is_of_clock(t) for t in best.terms)
     if left <= HYPOTHESIS_FITS.enough**2 and not of_clock:
         return None
@@ -115,7 +115,7 @@ def choose_convention(
         if refiner is None:
             continue
         costs = _costs(refiner, best)
-        now, timeless = min(costs) / _samples(refiner), costs[-1] / _samples(refiner)
+        now, timeless = min(costs) / refiner.n_values, costs[-1] / refiner.n_values
         is_likelier = of_clock and 0.5 * found.whole.effective_samples * np.log(left / now) > SAMPLING_CONVENTION.gain
         if now < least and (
             now < SAMPLING_CONVENTION.much_less * left
@@ -142,7 +142,3 @@ def _is_of_clock(term: Term) -> bool:
     Such a term can imitate half a sample of a file's convention.
     """
     return term.effect.kind == "actuator" and term.effect.family == "timing"
-
-
-def _samples(refiner: LeastSquares) -> int:
-    return sum(run.y.size for run in refiner.runs)

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from vlab.diagnose.inference.evidence import Hypothesis, cost_of_parameters
-from vlab.diagnose.inference.hypothesis_fits import by_score, fitted, scored_by, terms_of
+from vlab.diagnose.inference.hypothesis_fits import by_score, fitted, near_best, scored_by, terms_of
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.model_choice import gain_beyond
 from vlab.diagnose.inference.whole_run_fits import with_whole_runs
@@ -119,7 +119,7 @@ class ForwardSelection:
             out += further
             if not is_better and count > len(start.terms) + 1:  # one of two effects alone may explain nothing
                 break
-            if start.is_one_law and larger[0].score < by_score(out)[0].score - HYPOTHESIS_FITS.hopeless:
+            if start.is_one_law and larger[0] not in near_best(by_score(out)):
                 break  # a law in all joints that fewer effects surpass by far
             level = larger
         return out

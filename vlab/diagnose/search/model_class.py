@@ -174,7 +174,7 @@ def _residual_on_trajectory(screen: TrajectoryScoreTest) -> float:
 
 def _left(refiner: LeastSquares) -> float:
     """Return the normalised mean square of a refit."""
-    return refiner.fit((), None, HYPOTHESIS_FITS.whole_iterations).cost / sum(run.y.size for run in refiner.runs)
+    return refiner.fit((), None, HYPOTHESIS_FITS.whole_iterations).cost / refiner.n_values
 
 
 def _linearise_trajectory(case: Case, timing: str = "") -> TrajectoryScoreTest:

@@ -12,6 +12,7 @@ from vlab.diagnose.inference.hypothesis_fits import (
     finished,
     fitted,
     floor_of,
+    near_best,
     other_places,
     pairs_fitted,
     scored_by,
@@ -101,7 +102,7 @@ def search_moving(
         linear = scored_by(whole, hypotheses[0].long_fit)
         if others[0].normalised_residual < linear.normalised_residual:  # elsewhere the corrections do not converge
             whole = windows = exact
-            screen, before, hypotheses = exact.moving, bare, others
+            before, hypotheses = bare, others
     report(0.9, "adding effects")
     enough = SELECTION.explains * floor_of(whole)
     selection = ForwardSelection(
@@ -112,9 +113,9 @@ def search_moving(
     places = other_places(narrow, hypotheses[0], candidates, before.fit) if hypotheses else {}
     return TimeFound(
         problem=problem,
-        screen=screen,
+        screen=whole.moving,
         windows=narrow,
-        whole=SimulatorLeastSquares(screen, is_final=True),
+        whole=SimulatorLeastSquares(whole.moving, is_final=True),
         before=before,
         hypotheses=tuple(hypotheses),
         places=places,
@@ -125,7 +126,7 @@ def search_moving(
 def _in_mujoco(
     screen: TrajectoryScoreTest, before: Hypothesis, hypotheses: Sequence[Hypothesis]
 ) -> tuple[SimulatorLeastSquares, Hypothesis, list[Hypothesis]]:
-    """Return fits about the best hypothesis in MuJoCo, with the calibrated model and the hypotheses.
+    """Return fits in MuJoCo about the best hypothesis.
 
     A large effect changes the motion beyond first order. The residual of the linear system is then its own error, in which
     further effects hide.
@@ -155,8 +156,7 @@ def _in_mujoco(
         fit = whole.fit(h.terms, h.long_fit)
         return replace(scored_by(whole, fit, h.log_likelihood_gain), whole=fit)
 
-    least = hypotheses[0].score - HYPOTHESIS_FITS.hopeless
-    leading = [h for h in hypotheses if h.score > least]
+    leading = near_best(hypotheses)
     before, *scored = side_by_side(again, [before, *leading])
     rest = changed_alike(hypotheses[len(leading) :], leading, scored)
     return whole, before, by_score(scored, rest)

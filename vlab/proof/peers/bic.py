@@ -77,7 +77,7 @@ def bic_over_catalogue(case: Case) -> PeerResult:
     candidates = model_class.screen.candidates(effects)
     model_class.screen.forget()
     calibrated = fits.fit((), None, ITERATIONS)
-    best, least, count = calibrated, criterion(calibrated, _samples(fits)), 0
+    best, least, count = calibrated, criterion(calibrated, fits.n_values), 0
     for candidate in candidates:
         if deadline.is_past:
             break
@@ -86,12 +86,12 @@ def bic_over_catalogue(case: Case) -> PeerResult:
             fit = fits.fit(terms_of([candidate]), calibrated, ITERATIONS)
         except (ArithmeticError, ValueError, np.linalg.LinAlgError):  # no fit is no candidate
             continue
-        value = criterion(fit, _samples(fits))
+        value = criterion(fit, fits.n_values)
         if value < least:
             best, least = fit, value
     cap = "" if count == len(candidates) else f" in {MOST_CPU_S:g} s of CPU time"
     return PeerResult(
-        named=_named(best, criterion(calibrated, _samples(fits)) - least),
+        named=_named(best, criterion(calibrated, fits.n_values) - least),
         names=NAMES,
         nrmse=_held_out_error(problem, best),
         remark=f"{count} of {len(candidates)} candidates fitted{cap}",
@@ -124,12 +124,8 @@ def _with_white_noise(model_class: object) -> LeastSquares:
         fits = LeastSquares(model_class.screen, model_class.problem.in_role("fit"), model_error=0.0)
     else:
         fits = TrajectoryLeastSquares(model_class.screen, whole=True)  # type: ignore[attr-defined]
-    fits.effective_samples = fits.effective_share = float(_samples(fits))
+    fits.effective_samples = fits.effective_share = float(fits.n_values)
     return fits
-
-
-def _samples(fits: LeastSquares) -> int:
-    return int(sum(run.y.size for run in fits.runs))
 
 
 def _named(best: Fit, gain: float) -> Named | None:

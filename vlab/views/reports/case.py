@@ -25,7 +25,7 @@ HEADERS = (
 
 
 def misfit_rows(comparison: Comparison) -> list[list[object]]:
-    """Return one row per recording and channel, under `HEADERS`, in units of the logs.
+    """Return a row per recording and channel, in the log's units.
 
     Parameters
     ----------

@@ -20,8 +20,13 @@ from vlab.files.leftovers import part_beside
 from vlab.signals import Array, Recording
 from vlab.views.figures import COLOURS, ROLES
 
+
+def _bytes(colour: str) -> tuple[int, ...]:
+    return tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
+
+
 APPLICATION = "vlab"
-BLUE, ORANGE, GREEN, PURPLE = (tuple(int(c[i : i + 2], 16) for i in (1, 3, 5)) for c in COLOURS[:4])
+BLUE, ORANGE, GREEN, PURPLE = map(_bytes, COLOURS[:4])
 GREY, LIGHT = (130, 130, 130), (225, 225, 225)
 PAPER = (255, 255, 255)
 """PAPER: background of every plot; a black curve is invisible on the dark one of the viewer."""
@@ -128,10 +133,6 @@ def rgb(index: int) -> tuple[int, ...]:
 def role_rgb(role: str) -> tuple[int, ...]:
     """Return the colour of a role, that of the figures."""
     return _bytes(ROLES[role]["color"])
-
-
-def _bytes(colour: str) -> tuple[int, ...]:
-    return tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
 
 
 def plain(words: object) -> str:
