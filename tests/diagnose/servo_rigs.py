@@ -34,13 +34,15 @@ class Drive:
     """Speed at which the limit of the driving torque is zero."""
     loss: float = 0.0
     """Share of the torque that rubs in the gear."""
+    integral: float = 0.0
+    """Integral gain [N m/(rad s)]."""
 
-    def force(self, command: float, q: float, v: float) -> float:
-        """Return the torque [N m] at an angle and a rate."""
+    def force(self, command: float, q: float, v: float, total: float = 0.0) -> float:
+        """Return the torque [N m] at an angle, a rate and an integral of the error."""
         error = command - q
         beyond = error - min(max(error, -self.dead), self.dead)
         forward, backward = self.limit * (1 - v / self.no_load), self.limit * (1 + v / self.no_load)
-        torque = min(max(self.gain * beyond - self.damping * v, -backward), forward)
+        torque = min(max(self.gain * beyond + self.integral * total - self.damping * v, -backward), forward)
         torque = torque if math.isinf(self.soft) else self.soft * math.tanh(torque / self.soft)
         return torque - self.loss * abs(torque) * math.tanh(v / RISE)
 
@@ -67,10 +69,9 @@ class Arm:
     reach: float = 0.5
     """Size of the steps of the commands [rad]."""
 
-    def acceleration(self, q: np.ndarray, v: np.ndarray, command: np.ndarray, drives: tuple[Drive, ...]) -> np.ndarray:
+    def acceleration(self, q: np.ndarray, v: np.ndarray, torque: np.ndarray) -> np.ndarray:
         """Return the accelerations of the joints [rad/s2]; angles count from hanging, each from the link before."""
-        torque = np.array([d.force(u, a, b) for d, u, a, b in zip(drives, command, q, v, strict=True)])
-        torque -= [link.damping * b for link, b in zip(self.links, v, strict=True)]
+        torque = torque - [link.damping * b for link, b in zip(self.links, v, strict=True)]
         first = self.links[0]
         own = first.inertia + first.mass * first.centre**2
         weight = first.mass * first.centre * GRAVITY * np.sin(q[0])
@@ -97,14 +98,18 @@ class Arm:
         The torques are logged before the commands of their rows are sent.
         """
         h, n = 1.0 / RATE / STEPS, len(self.links)
-        x, out, efforts, last = np.zeros(2 * n), np.zeros(commands.shape), np.zeros(commands.shape), np.zeros(n)
+        x, out, efforts, last = np.zeros((3, n)), np.zeros(commands.shape), np.zeros(commands.shape), np.zeros(n)
+
+        def torques(state: np.ndarray, command: np.ndarray) -> np.ndarray:
+            return np.array([d.force(*numbers) for d, *numbers in zip(drives, command, *state, strict=True)])
 
         def rate(state: np.ndarray, command: np.ndarray) -> np.ndarray:
-            return np.concatenate([state[n:], self.acceleration(state[:n], state[n:], command, drives)])
+            q, v, _ = state
+            return np.stack([v, self.acceleration(q, v, torques(state, command)), command - q])
 
         for k, command in enumerate(commands):
-            out[k] = x[:n]
-            efforts[k] = [d.force(*numbers) for d, *numbers in zip(drives, last, x[:n], x[n:], strict=True)]
+            out[k] = x[0]
+            efforts[k] = torques(x, last)
             last = command
             for _ in range(STEPS):
                 a = rate(x, command)

@@ -3,13 +3,13 @@
 import numpy as np
 
 from vlab.cases.channel_map import Compared, Drive, Run
-from vlab.signals import Channel, Recording
+from vlab.signals import KIND_UNITS, Channel, Recording
 
 
-def run_of(time, sensors, inputs=None, name="run"):
-    """Return a run of named sensor signals [m] and inputs [N] on some time stamps."""
+def run_of(time, sensors, inputs=None, name="run", kind="displacement"):
+    """Return a run of named sensor signals [SI] and inputs [N] on some time stamps."""
     inputs = inputs or {}
-    channels = [Channel(name=n, kind="displacement", unit="m") for n in sensors]
+    channels = [Channel(name=n, kind=kind, unit=KIND_UNITS[kind]) for n in sensors]
     channels += [Channel(name=n, kind="force", unit="N", is_input=True) for n in inputs]
     recording = Recording(
         time=time, data=np.column_stack([*sensors.values(), *inputs.values()]), channels=tuple(channels)

@@ -218,6 +218,10 @@ def test_a_law_in_all_joints_is_a_start_with_its_forms_that_gain_as_much():
     smooth = [candidate("smooth-friction", f"joint:{i}", gain) for i, gain in enumerate((120.0, 90.0, 60.0))]
     laws = laws_in_all_joints([*table, *smooth])  # the plainest form of the family is tried beside the best one
     assert [law[0].effect.name for law in laws] == ["smooth-friction", "coulomb-friction"]
+    offsets = [candidate("force-offset", f"joint:{i}", gain) for i, gain in enumerate((99.0, 80.0, 60.0))]
+    friction = [candidate("coulomb-friction", f"joint:{i}", 80.0) for i in range(3)]
+    names = [law[0].effect.name for law in laws_in_all_joints([*friction, *offsets])]
+    assert names == ["coulomb-friction", "force-offset"]  # of another family, as good within the error of the screening
 
 
 def test_joints_where_a_law_does_nothing_are_left_out():

@@ -297,6 +297,7 @@ def test_parts_of_a_refuted_set_are_attempted_first():
 
     assert order(of("ab", 0.5)) == ["b", "a", "abc", "ad"]
     assert order(of("ab", 0.3)) == ["abc", "ad", "b", "a"]
+    assert order(of("a", 0.5)) == ["b", "abc", "ad", "a"]  # an effect refuted alone imitates the cause
 
 
 def keys(document):

@@ -37,8 +37,8 @@ def through_the_structure(rng):
     return x / np.std(x)
 
 
-def estimated(u, y, time=TIME):
-    return estimate_noise(run_of(time, {"x": y}, {"u": u}), "x")
+def estimated(u, y, time=TIME, kind="displacement"):
+    return estimate_noise(run_of(time, {"x": y}, {"u": u}, kind=kind), "x")
 
 
 @pytest.mark.parametrize("count", [64, 126, 127, 254, 255, 383, 766, 767, 1022, 1023])
@@ -82,10 +82,27 @@ def test_an_excitation_up_to_half_the_sample_rate_is_no_noise(order, share):
     for _ in range(order):
         x = np.gradient(x, 1 / RATE)
     noise = share * np.std(x)
-    found = estimated(u, x + noise * np.random.default_rng(4).standard_normal(TIME.size))
+    y = x + noise * np.random.default_rng(4).standard_normal(TIME.size)
+    found = estimated(u, y, kind="acceleration" if order == 2 else "displacement")
     assert noise / 1.5 < found.sigma < 1.5 * noise
     if order == 2:
         assert found.source in ("inputs", "innovations")
+
+
+@pytest.mark.parametrize("integral", [0.0, 0.05])
+@pytest.mark.parametrize("share", [0.003, 0.03])
+@pytest.mark.parametrize(("levels", "count"), [(1, 3000), (2, 300), (30, 300)])
+def test_a_command_that_answers_the_reading_explains_no_noise(levels, count, share, integral):
+    """A speed loop around a first-order drive: the command holds the noise of the reading that it answers."""
+    rng = np.random.default_rng(11)
+    readings, commands = np.zeros((2, count))
+    speed, total = 0.0, 0.0
+    for i, wanted in enumerate(np.repeat(rng.uniform(0.5, 1.5, levels), count // levels)):
+        readings[i] = speed + share * rng.standard_normal()
+        total += integral * (wanted - readings[i])
+        commands[i] = 2.0 * (wanted - readings[i]) + total
+        speed += 0.05 * (commands[i] - 0.3 * speed)
+    assert share / 1.2 < estimated(commands, readings, TIME[:count], kind="velocity").sigma < 1.2 * share
 
 
 def test_motion_at_the_top_of_the_spectrum_is_no_noise_without_inputs():

@@ -46,6 +46,13 @@ HIDDEN = {
         "shoulder",
         {"limit": 14.0, "speed": 5.0},
     ),
+    "integral action": (
+        "two links",
+        hide(TWO_LINKS, 0, integral=2.0 * 40.0),
+        "servo-integral-gain",
+        "shoulder",
+        {"rate": 2.0},
+    ),
     "friction of a gear": (
         "two links",
         hide(TWO_LINKS, 0, loss=0.25),

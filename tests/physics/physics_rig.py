@@ -213,6 +213,7 @@ OF_SERVOS = {
     "servo-position-gain": {"gain": -0.3},
     "servo-velocity-gain": {"gain": 0.5},
     "servo-torque-constant": {"gain": -0.2},
+    "servo-integral-gain": {"rate": 4.0},
     "servo-error-dead-zone": {"threshold": 0.1},
     "servo-force-limit": {"limit": 8.0},
     "servo-soft-force-limit": {"limit": 8.0},

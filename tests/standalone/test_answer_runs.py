@@ -105,6 +105,7 @@ SEVERAL = [
 FORCED = {name: PORT_VALUES[name] for name in ("lugre-friction", "stribeck-friction", "structural-damping")}
 
 AS_LAWS = (
+    "servo-integral-gain",
     "servo-error-dead-zone",
     "servo-soft-force-limit",
     "servo-torque-speed-line",

@@ -71,6 +71,7 @@ EFFECTS: dict[str, Effect] = {
         servo.ServoPositionGain(),
         servo.ServoVelocityGain(),
         servo.ServoTorqueConstant(),
+        servo_drive.ServoIntegralGain(),
         servo.ServoErrorDeadZone(),
         servo.ServoForceLimit(),
         servo_drive.ServoSoftForceLimit(),

@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from vlab.physics.effect import Parameter, Values, softly_limited
+from vlab.physics.effect import Parameter, Step, Values, softly_limited
+from vlab.physics.port_memory import zeros
 from vlab.physics.servo import SMALL, ServoEffect
 
 
@@ -81,6 +82,39 @@ class ServoTorqueSpeedLine(ServoEffect):
         """See `ServoEffect`."""
         share = v / p["speed"]
         return np.minimum(np.maximum(self.modelled(e, v), -p["limit"] * (1.0 + share)), p["limit"] * (1.0 - share))
+
+
+class ServoIntegralGain(ServoEffect):
+    """Integral action of a servo whose model has none.
+
+    The position error is integrated, so no constant load leaves an error [1]_. A run at rest begins with an empty
+    integrator.
+
+    References
+    ----------
+    .. [1] K. J. Åström, T. Hägglund, Advanced PID Control, ISA, 2006, chapter 3.
+    """
+
+    name = "servo-integral-gain"
+    family = "servo"
+    law = "force = kp (e + r q) - kv v, dq/dt = e, e = u - z"
+    words = "a servo integrates its position error: the I of a PID controller, which removes the droop under a load"
+    confirmed_by = "a constant command under a constant load: the error dies away at the rate"
+    probe = SMALL
+    parameters: ClassVar = (
+        Parameter(name="rate", unit="1/s", low=0.01, high=100.0, words="inverse of the reset time: ki over kp"),
+    )
+
+    def memory(self, shape: tuple[int, ...]) -> list[Any] | None:
+        """See `PortEffect`: the integral of the error."""
+        return zeros(1, shape)
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        e = self.servo.error(step.command, z)
+        middle, after = memory[0] + 0.5 * step.h * e, memory[0] + step.h * e
+        changed = self.servo.limited(self.servo.gain * (e + p["rate"] * middle) - self.servo.damping * v)
+        return changed - self.modelled(e, v), [after]
 
 
 class ServoLoadFriction(ServoEffect):

@@ -9,6 +9,8 @@ from vlab.proof.equivalence import right_class
 
 MOST_ERROR = 10.0
 """Relative error of a parameter that an answer does not give, and of any that is further off."""
+ADDED_SINCE = {"integral-action": "servo-integral-gain"}
+"""ADDED_SINCE [-]: effects that the library received after cases with them were drawn as outside it."""
 NAMED, NOTHING, ABSTAINED = "missing-physics", "nothing-missing", "none-of-these"
 
 
@@ -90,8 +92,8 @@ class Judged:
 
 def judge(truth: dict[str, Any], answer: dict[str, Any]) -> Judged:
     """Judge the answer to a case."""
-    hidden = truth["hidden"]
     findings = answer.get("findings", []) if answer["verdict"] == NAMED else []
+    hidden = [_with_added(h, findings) for h in truth["hidden"]]
     first: dict[str, Any] | None = findings[0] if findings else None
     in_library = bool(hidden) and all(h["accepted"] for h in hidden)
     meant = _meant(truth, first, hidden)
@@ -124,6 +126,13 @@ def judge(truth: dict[str, Any], answer: dict[str, Any]) -> Judged:
         truth_place=" + ".join(h["place"] for h in hidden),
         place=first["place"] if first else "",
     )
+
+
+def _with_added(hidden: dict[str, Any], findings: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return a hidden effect, as one of the library where a finding names an effect that came later."""
+    name = ADDED_SINCE.get(hidden["effect"])
+    is_named = not hidden["accepted"] and any(f["effect"] == name for f in findings)
+    return {**hidden, "accepted": [name]} if is_named else hidden
 
 
 def _is_claimed(hidden: dict[str, Any], finding: dict[str, Any]) -> bool:

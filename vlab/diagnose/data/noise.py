@@ -21,7 +21,7 @@ from vlab.cases.channel_map import Run
 from vlab.diagnose.data.noise_floor import FloorSource, even_floor, uneven_floor
 from vlab.diagnose.data.repeats import repeat_noise
 from vlab.diagnose.settings import NOISE
-from vlab.signals import Array
+from vlab.signals import ORDER, Array
 
 NoiseSource = Literal["stated", "recordings", "periods"] | FloorSource
 _WORDS: dict[str, str] = {
@@ -88,7 +88,15 @@ def estimate_noise(run: Run, channel: str) -> NoiseEstimate:
     measured, read = run.measured, run.measured.is_read(channel)
     known = known_noise(run, channel, measured[channel])
     time = None if measured.is_uniform and read.all() else measured.time[read]
-    return known or _of_record(time, measured[channel][read], _inputs(run))
+    return known or _of_record(time, measured[channel][read], _inputs(run), is_motion(run, channel))
+
+
+def is_motion(run: Run, channel: str) -> bool:
+    """Return whether a channel is a displacement or a velocity.
+
+    Neither can answer the present input.
+    """
+    return ORDER.get(run.measured.channels[run.measured.index(channel)].kind, 2) < 2
 
 
 def noise_levels(run: Run, names: Sequence[str]) -> Array:
@@ -147,7 +155,7 @@ def uneven_noise(time: Array, column: Array) -> float:
     return uneven_floor(time, column).sigma
 
 
-def noise_level(column: Array, inputs: Array | None = None) -> float:
+def noise_level(column: Array, inputs: Array | None = None, *, is_motion: bool = False) -> float:
     """Return the noise level of an evenly sampled channel.
 
     Parameters
@@ -156,13 +164,15 @@ def noise_level(column: Array, inputs: Array | None = None) -> float:
         Channel [SI].
     inputs : (n, k) array or None
         Inputs; response to the inputs is no noise. Without inputs every floor is noise.
+    is_motion : bool
+        Whether the channel is a displacement or a velocity.
 
     Returns
     -------
     float
         Standard deviation [unit of the channel].
     """
-    return even_floor(column, inputs).sigma
+    return even_floor(column, inputs, is_motion=is_motion).sigma
 
 
 def noise_notes(runs: Sequence[Run], names: Sequence[str]) -> list[str]:
@@ -192,8 +202,8 @@ def noise_notes(runs: Sequence[Run], names: Sequence[str]) -> list[str]:
     return lines
 
 
-def _of_record(time: Array | None, column: Array, inputs: Array | None) -> NoiseEstimate:
-    floor = even_floor(column, inputs) if time is None else uneven_floor(time, column)
+def _of_record(time: Array | None, column: Array, inputs: Array | None, is_motion: bool) -> NoiseEstimate:
+    floor = even_floor(column, inputs, is_motion=is_motion) if time is None else uneven_floor(time, column)
     return NoiseEstimate(sigma=floor.sigma, rms=floor.rms, source=floor.source)
 
 

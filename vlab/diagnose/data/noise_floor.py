@@ -12,10 +12,17 @@ that a local rational model of the inputs leaves counts. Two bounds hold for whi
 In the second, noise and motion are independent, so the noise passes the predictor with the gain in the denominator. The
 coefficients are those of the best one-step predictor [1].
 
+Feedback breaks both: a command that answers the present reading holds the noise of the reading. A motion cannot answer
+the present command, as velocities and displacements need time. Where the present command still explains most of what
+the past leaves, the loop is closed. The remaining bound is the error of a predictor from the past alone, which noise
+passes with a gain of at least one:
+
+    s^2 <= var(y_t - sum_i a_i y_(t-i) - sum_j b_j u_(t-j)), i >= 1, j >= 1.
+
 References
 ----------
-.. [1] L. Ljung, *System Identification: Theory for the User*, 2nd ed., Prentice Hall, 1999, sections 4.2 (ARX) and
-       16.4 (order).
+.. [1] L. Ljung, *System Identification: Theory for the User*, 2nd ed., Prentice Hall, 1999, sections 4.2 (ARX),
+       13.4 (closed loops) and 16.4 (order).
 """
 
 from dataclasses import dataclass
@@ -51,7 +58,7 @@ class Floor:
     source: FloorSource
 
 
-def even_floor(column: Array, inputs: Array | None) -> Floor:
+def even_floor(column: Array, inputs: Array | None, *, is_motion: bool = False) -> Floor:
     """Estimate the white noise of an evenly sampled channel.
 
     Parameters
@@ -60,6 +67,8 @@ def even_floor(column: Array, inputs: Array | None) -> Floor:
         Channel [SI].
     inputs : (n, k) array or None
         Inputs. Without inputs every floor is noise.
+    is_motion : bool
+        Whether the channel is a displacement or a velocity, so that it cannot answer the present input.
 
     Returns
     -------
@@ -83,9 +92,13 @@ def even_floor(column: Array, inputs: Array | None) -> Floor:
     else:
         is_answer = _is_answer(column, inputs, freq[high])
         bounds: list[tuple[float, FloorSource]] = [(level, source)]
+        is_closed_loop = False
         if is_answer or not _is_flat(power[high], len(power) // NOISE.groups):
-            bounds.append((2.0 * _innovation(column, inputs), "innovations"))
-        if is_answer:
+            given = _predictor(column, inputs)
+            past = _predictor(column, inputs, with_present=False) if is_motion and inputs is not None else given
+            is_closed_loop = given.error < (1.0 - NOISE.coherent) * past.error
+            bounds.append((2.0 * (past.error if is_closed_loop else given.error / given.gain), "innovations"))
+        if is_answer and not is_closed_loop:
             bounds.append((_unexplained(column, inputs), "inputs"))
         level, source = min(bounds)
     grain = grain_of(column) / np.sqrt(12)  # of motion over many steps the rounding is part of the level
@@ -169,8 +182,24 @@ def _unexplained(column: Array, inputs: Array | None) -> float:
     return 2.0 * float(np.median(high)) / (len(column) * np.log(2.0))  # a line's power is exponential
 
 
-def _innovation(column: Array, inputs: Array | None) -> float:
-    """Return the variance bound of the one-step predictor, or inf.
+@dataclass(frozen=True, kw_only=True)
+class _Predictor:
+    """Best one-step predictor of a channel.
+
+    Parameters
+    ----------
+    error : float
+        Variance of the error, or inf where the record is too short [unit of the channel, squared].
+    gain : float
+        Variance of the error per variance of white noise of the channel, in an open loop [1].
+    """
+
+    error: float
+    gain: float = 1.0
+
+
+def _predictor(column: Array, inputs: Array | None, *, with_present: bool = True) -> _Predictor:
+    """Return the best one-step predictor.
 
     The order minimises Schwarz's criterion. One QR factorisation gives the squared error of every order, as columns are
     sorted by lag.
@@ -180,24 +209,24 @@ def _innovation(column: Array, inputs: Array | None) -> float:
     u = np.zeros((len(y), 0)) if inputs is None else inputs[part] - inputs[part].mean(axis=0)
     u = u[:, np.ptp(u, axis=0) > 0]
     count = u.shape[1]
+    present = count if with_present else 0
     most = min(NOISE.most_order, len(y) // (NOISE.samples_per_unknown * (1 + count)))
     size = np.std(y)
     if most < 1 or size == 0.0:
-        return np.inf
+        return _Predictor(error=np.inf)
     now = np.arange(most, len(y))
     y, u = y / size, u / np.std(u, axis=0)
-    A = np.hstack(
-        [u[now], *(part for i in range(1, most + 1) for part in (y[now - i, None], u[now - i])), y[now, None]]
-    )
+    lags = [part for i in range(1, most + 1) for part in (y[now - i, None], u[now - i])]
+    A = np.hstack([u[now, :present], *lags, y[now, None]])
     R = linalg.qr(A, mode="r")[0][: A.shape[1]]
     left = np.cumsum(R[::-1, -1] ** 2)[::-1]  # squared error of the columns before each one
-    columns = count + (1 + count) * np.arange(most + 1)
+    columns = present + (1 + count) * np.arange(most + 1)
     square = left[columns]
     order = int(np.argmin(len(now) * np.log(np.maximum(square, 1e-300)) + np.log(len(now)) * columns))
     used = columns[order]
     found = linalg.lstsq(R[:used, :used], R[:used, -1])[0] if used else np.zeros(0)
-    gain = 1.0 + float(np.sum(found[count :: 1 + count] ** 2))
-    return float(size**2 * square[order] / ((len(now) - used) * gain))
+    gain = 1.0 + float(np.sum(found[present :: 1 + count] ** 2))
+    return _Predictor(error=float(size**2 * square[order] / (len(now) - used)), gain=gain)
 
 
 def grain_of(column: Array) -> float:

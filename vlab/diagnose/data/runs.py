@@ -14,7 +14,7 @@ from vlab.cases.channel_map import Compared, Run
 from vlab.cases.initial_state import begins_at_rest
 from vlab.cases.replay_inputs import at_samples
 from vlab.diagnose.data.band import fastest
-from vlab.diagnose.data.noise import known_noise, noise_level
+from vlab.diagnose.data.noise import is_motion, known_noise, noise_level
 from vlab.diagnose.data.quality import is_informative, on_clock
 from vlab.diagnose.data.recorded_inputs import interval_means, recorded_inputs
 from vlab.diagnose.settings import RUNS
@@ -353,7 +353,7 @@ def _noise(run: Run, channel: str, column: Array, inputs: Array, thin: int) -> f
     known = known_noise(run, channel, column, thin)
     if known and known.source != "periods":
         return known.sigma
-    return min(known.sigma if known else np.inf, noise_level(column, inputs))
+    return min(known.sigma if known else np.inf, noise_level(column, inputs, is_motion=is_motion(run, channel)))
 
 
 def liveliest(y: Array, most: int) -> slice:

@@ -10,7 +10,7 @@ from vlab.cases.channel_map import Run
 from vlab.cases.initial_state import begins_at_rest, joint_of
 from vlab.cases.linear_start import exponentials
 from vlab.cases.replay_inputs import at_samples
-from vlab.diagnose.data.noise import known_noise, noise_level, uneven_noise
+from vlab.diagnose.data.noise import is_motion, known_noise, noise_level, uneven_noise
 from vlab.diagnose.data.quality import is_informative, on_clock
 from vlab.diagnose.data.recorded_inputs import recorded_inputs
 from vlab.diagnose.data.runs import liveliest, on_grid
@@ -155,7 +155,7 @@ def read_trajectory_data(
             [
                 known.sigma
                 if (known := known_noise(run, c.channel, column, thin if is_even else 1))
-                else _noise(grid, column, is_even, inputs)
+                else _noise(grid, column, inputs if is_even else None, is_motion(run, c.channel))
                 for c, column in zip(stepper.channels, y.T, strict=True)
             ]
         ),
@@ -178,16 +178,16 @@ def _on_sample_times(run: Run, stepper: Stepper, rest: Array, time: Array, thin:
     return grid, np.column_stack([column[: len(grid)] for column in columns])
 
 
-def _noise(time: Array, column: Array, is_even: bool, inputs: Array) -> float:
+def _noise(time: Array, column: Array, inputs: Array | None, is_motion: bool) -> float:
     """Return the standard deviation of a channel's noise.
 
     The median spectrum of few segments is low by up to a fifth. The residual of neighbouring samples corrects the
     estimate within that range.
     """
     local = uneven_noise(time, column)
-    if not is_even:
+    if inputs is None:  # uneven times
         return local
-    floor = noise_level(column, inputs)
+    floor = noise_level(column, inputs, is_motion=is_motion)
     return float(np.clip(local, floor, TRAJECTORY_DATA.most_noise * floor))
 
 

@@ -297,8 +297,9 @@ def further_attempts(
 ) -> Iterator[Attempt]:
     """Yield attempts with other hypotheses.
 
-    Where hold-out data refute a set of effects, one effect of the set may fit a mismatch of another cause. Hypotheses with fewer
-    effects of the set come first then.
+    Where hold-out data refute a set of effects, one effect of the set may fit a mismatch of another cause. Hypotheses
+    with fewer effects of the set come first then. An effect that is refuted alone only imitates the cause, so hypotheses
+    without it come before those with it.
 
     Parameters
     ----------
@@ -318,8 +319,10 @@ def further_attempts(
     refuted: list[set[str]] = []
     while left:
         refuted += [_labels(attempt.fit.terms)] if _is_refuted(attempt) else []
+        alone = set().union(*(known for known in refuted if len(known) == 1))
         parts = [h for h in left if any(_labels(h.terms) < known for known in refuted)]
-        tried = (parts or left)[0]
+        others = [h for h in left if not _labels(h.terms) & alone]
+        tried = (parts or others or left)[0]
         left.remove(tried)
         attempt = attempt_of(tried)
         yield attempt

@@ -225,10 +225,11 @@ def in_all_joints(
 
 
 def laws_in_all_joints(candidates: Sequence[Candidate]) -> list[list[Candidate]]:
-    """Return the law of the largest gain over all joints.
+    """Return the laws of the largest gains over all joints.
 
-    Its other forms that gain as much and the plainest form are included, since the score test of a law is approximate.
-    Every parameter costs what it costs in the evidence.
+    The score test of a law is approximate. So the best law of every family that gains evidence is included, within
+    `MODEL_CHOICE.alike` of the best of all. Its other forms that gain as much and the plainest form of the family join
+    it. Every parameter costs what it costs in the evidence.
 
     Parameters
     ----------
@@ -248,9 +249,23 @@ def laws_in_all_joints(candidates: Sequence[Candidate]) -> list[list[Candidate]]
     found = [list(joints.values()) for joints in laws.values() if 1 < len(joints) <= MJCF_PRIORS.most_elements]
     if not found:
         return []
-    best = max(found, key=_gain_of_law)
-    family, gain = best[0].effect.family, sum(c.log_likelihood_gain for c in best)
-    forms = [law for law in found if law[0].effect.family == family]
+    largest = max(_gain_of_law(law) for law in found)
+    least = min(max(largest - MODEL_CHOICE.alike, 0.0), largest)
+    families: dict[str, list[list[Candidate]]] = {}
+    for law in sorted(found, key=lambda law: -_gain_of_law(law)):
+        families.setdefault(law[0].effect.family, []).append(law)
+    return [form for forms in families.values() if _gain_of_law(forms[0]) >= least for form in _forms_of_best(forms)]
+
+
+def _forms_of_best(forms: Sequence[list[Candidate]]) -> list[list[Candidate]]:
+    """Return the best law of a family, its equals and the plainest law.
+
+    Parameters
+    ----------
+    forms : sequence of list of Candidate
+        Laws of the family, best first.
+    """
+    gain = sum(c.log_likelihood_gain for c in forms[0])
     plainest = min(forms, key=lambda law: (len(law[0].effect.parameters), -_gain_of_law(law)))
     return [law for law in forms if law is plainest or sum(c.log_likelihood_gain for c in law) >= gain]
 
