@@ -25,6 +25,7 @@ import numpy as np
 
 from vlab.cases.channel_map import Compared, Drive, Law, Run, compared_with_sensors
 from vlab.cases.clock import plan_clock
+from vlab.cases.held_rest import held_rest, joints_held
 from vlab.cases.linear_start import StartProblem, estimate_linear_start
 from vlab.cases.refined_start import refine, window_residual
 from vlab.cases.replay_bench import Bench, State, at_timestep, bench_for
@@ -142,6 +143,9 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
         return _stated(rest, run.start)
     starts_at_rest = bool(run.drives) and begins_at_rest(deviation, np.array(slow, dtype=bool), plant)
     if run.initial == "rest" or not compared or (run.initial == "auto" and starts_at_rest):
+        joints = [joint_of(plant, c) for c in compared]
+        positions = {j[0]: column for j, column in zip(joints, deviation.T, strict=True) if j and j[1] == 0}
+        rest = held_rest(plant, run, rest, positions) if starts_at_rest else rest
         return InitialState(qpos=rest.qpos, qvel=rest.qvel, how="rest")
     linear = _linearised(plant, run, compared)
     samples = _window(run, np.zeros(0) if linear is None else linear.freq)
@@ -163,7 +167,8 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
     if linear is not None:
         best = _modal_estimate(problem, linear, offset, size, can_be_local=can_be_local)
     share = LOCAL if is_measured else HOPELESS
-    if best.lost > share**2 * size and can_be_local:
+    is_held = is_measured and bool(joints_held(plant))  # friction holds joints off the linear estimate
+    if can_be_local and (is_held or best.lost > share**2 * size):
         best = _local_estimate(problem, best, rest, offset, is_measured=is_measured)
     return InitialState(
         qpos=best.state.qpos,

@@ -27,10 +27,12 @@ class DirectLeastSquares(TrajectoryLeastSquares):
     ----------
     screen : TrajectoryScoreTest
         Screening along the motion.
+    model_error : float or None
+        See `LeastSquares`.
     """
 
-    def __init__(self, screen: TrajectoryScoreTest) -> None:
-        super().__init__(screen, whole=True)
+    def __init__(self, screen: TrajectoryScoreTest, model_error: float | None = None) -> None:
+        super().__init__(screen, whole=True, model_error=model_error)
 
     def simulate(
         self,

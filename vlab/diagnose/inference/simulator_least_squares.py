@@ -36,10 +36,14 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         Screening along the motion.
     is_final : bool
         Whether MuJoCo may be the predictor of a fit.
+    model_error : float or None
+        See `LeastSquares`.
     """
 
-    def __init__(self, screen: TrajectoryScoreTest, *, is_final: bool = False) -> None:
-        super().__init__(screen, whole=True)
+    def __init__(
+        self, screen: TrajectoryScoreTest, *, is_final: bool = False, model_error: float | None = None
+    ) -> None:
+        super().__init__(screen, whole=True, model_error=model_error)
         self.is_final = is_final
         self.recorded = [run.y for run in self.runs]
 
@@ -96,7 +100,7 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
     @cached_property
     def _direct(self) -> DirectLeastSquares:
         """Fits with MuJoCo as predictor."""
-        return DirectLeastSquares(self.moving)
+        return DirectLeastSquares(self.moving, self.model_error)
 
     def about(self, fit: Fit) -> "SimulatorLeastSquares":
         """See `LeastSquares`; the linear system with its defect at a fit removed.

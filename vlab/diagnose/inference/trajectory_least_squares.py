@@ -47,6 +47,8 @@ class TrajectoryLeastSquares(LeastSquares):
         Whether to fit whole runs, or the parts of unstable ones, instead of windows.
     without : sequence of Term
         Sensor effects to remove from the recordings before smoothing of the starts.
+    model_error : float or None
+        See `LeastSquares`.
     """
 
     def __init__(
@@ -55,6 +57,7 @@ class TrajectoryLeastSquares(LeastSquares):
         *,
         whole: bool = False,
         without: Sequence[Term] = (),
+        model_error: float | None = None,
     ) -> None:
         self.moving = screen
         wrong = [(t.effect, t.place, dict(t.values)) for t in without if isinstance(t.effect, SensorEffect)]
@@ -76,7 +79,7 @@ class TrajectoryLeastSquares(LeastSquares):
         self.whole = whole
         self.screen, self.problem, self.reduced_model, self.runs = screen, screen.problem, screen.reduced_model, runs
         self._gather()
-        self._weigh()
+        self._weigh(model_error)
         # no law is followed closer than the steps of the linear system allow
         self.noise_share += self.integration_share
         self.active = np.zeros(0, dtype=int)
@@ -100,13 +103,13 @@ class TrajectoryLeastSquares(LeastSquares):
     @property
     def correlated_error(self) -> float:
         """See `LeastSquares`: that of responses linear in the parameters."""
-        return self.problem.model_error
+        return self.model_error
 
     def beside(self, terms: Sequence[Term]) -> LeastSquares:
         """See `LeastSquares`."""
         if not any(t.effect.kind == "sensor" for t in terms):
             return self
-        return TrajectoryLeastSquares(self.moving, without=terms)
+        return TrajectoryLeastSquares(self.moving, without=terms, model_error=self.model_error)
 
     @property
     def recordings(self) -> list[str]:

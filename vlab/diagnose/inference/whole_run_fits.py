@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from vlab.diagnose.inference.evidence import Hypothesis
-from vlab.diagnose.inference.hypothesis_fits import by_score, scored_by, terms_of
+from vlab.diagnose.inference.hypothesis_fits import by_score, fitted, scored_by, terms_of
 from vlab.diagnose.inference.least_squares import LeastSquares
-from vlab.diagnose.parameters.terms import Candidate, Fit
-from vlab.diagnose.settings import HYPOTHESIS_FITS
+from vlab.diagnose.parameters.terms import Candidate, Fit, Term
+from vlab.diagnose.settings import FIT, HYPOTHESIS_FITS
 from vlab.parallel import side_by_side
 from vlab.signals import Array
 
@@ -68,6 +68,30 @@ def on_whole_runs(
     fits = _on_from_the_best(whole, fits)
     both = [with_whole_runs(h, whole, fit) for h, fit in zip(chosen, fits, strict=True)]
     return by_score(both, changed_alike(list(hypotheses)[most:], chosen, both))
+
+
+def fitted_on_both(whole: LeastSquares, narrow: LeastSquares, terms: Sequence[Term], start: Fit) -> Hypothesis:
+    """Fit effects to whole runs, then in windows.
+
+    Parameters
+    ----------
+    whole, narrow : LeastSquares
+        Whole runs and windows.
+    terms : sequence of Term
+        Effects at locations.
+    start : Fit
+        Fit to start from.
+
+    Returns
+    -------
+    Hypothesis
+        Hypothesis scored on both.
+    """
+    fit = whole.fit(terms, start, FIT.iterations)
+    if narrow.runs == whole.runs:
+        return replace(scored_by(whole, fit), whole=fit)
+    short = fitted(narrow, fit.terms, replace(fit, starts={}), HYPOTHESIS_FITS.quick)
+    return with_whole_runs(short, whole, fit)
 
 
 def changed_alike(

@@ -17,15 +17,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from vlab.diagnose.inference.evidence import Hypothesis, cost_of_parameters
-from vlab.diagnose.inference.hypothesis_fits import by_score, fitted, near_best, scored_by, terms_of
+from vlab.diagnose.inference.hypothesis_fits import by_score, near_best, scored_by, terms_of
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.inference.model_choice import gain_beyond
-from vlab.diagnose.inference.whole_run_fits import with_whole_runs
+from vlab.diagnose.inference.whole_run_fits import fitted_on_both
 from vlab.diagnose.parameters.terms import Candidate, Fit, Term
 from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
 from vlab.diagnose.search.profile_screening import profile
 from vlab.diagnose.search.shortlist import plain_form, rivals_of
-from vlab.diagnose.settings import FIT, FORWARD_SELECTION, HYPOTHESIS_FITS, MJCF_PRIORS, MODEL_CHOICE, SHORTLIST
+from vlab.diagnose.settings import FORWARD_SELECTION, HYPOTHESIS_FITS, MJCF_PRIORS, MODEL_CHOICE, SHORTLIST
 from vlab.parallel import side_by_side
 
 
@@ -168,11 +168,7 @@ class ForwardSelection:
         Hypothesis
             Hypothesis scored on both.
         """
-        fit = self.whole.fit(terms, start, FIT.iterations)
-        if self.windows.runs == self.whole.runs:
-            return replace(scored_by(self.whole, fit), whole=fit)
-        short = fitted(self.windows, fit.terms, replace(fit, starts={}), HYPOTHESIS_FITS.quick)
-        return with_whole_runs(short, self.whole, fit)
+        return fitted_on_both(self.whole, self.windows, terms, start)
 
     def _pool(self) -> list[Candidate]:
         """Return the candidates: the best places of every effect, in turn."""

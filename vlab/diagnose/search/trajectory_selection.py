@@ -21,13 +21,13 @@ from vlab.diagnose.inference.prior_check import has_plausible_parameters
 from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquares
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
-from vlab.diagnose.inference.whole_run_fits import changed_alike, on_whole_runs
+from vlab.diagnose.inference.whole_run_fits import changed_alike, fitted_on_both, on_whole_runs
 from vlab.diagnose.parameters.terms import Candidate
 from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
 from vlab.diagnose.search.forward_selection import ForwardSelection, in_all_joints
 from vlab.diagnose.search.selection import TimeFound, shows
 from vlab.diagnose.search.shortlist import best_of_effects, completing, shortlisted
-from vlab.diagnose.settings import HYPOTHESIS_FITS, SCORE_TEST, SECOND_EFFECT, SELECTION, SHORTLIST
+from vlab.diagnose.settings import HYPOTHESIS_FITS, PROBLEM, SCORE_TEST, SECOND_EFFECT, SELECTION, SHORTLIST
 from vlab.parallel import side_by_side
 from vlab.physics.effect import Effect
 
@@ -103,6 +103,8 @@ def search_moving(
         if others[0].normalised_residual < linear.normalised_residual:  # elsewhere the corrections do not converge
             whole = windows = exact
             before, hypotheses = bare, others
+    elif hypotheses and _leave_much([before]):
+        windows, whole, before, hypotheses = _with_smaller_error(windows, whole, before, hypotheses)
     report(0.9, "adding effects")
     enough = SELECTION.explains * floor_of(whole)
     selection = ForwardSelection(
@@ -115,12 +117,56 @@ def search_moving(
         problem=problem,
         screen=whole.moving,
         windows=narrow,
-        whole=SimulatorLeastSquares(whole.moving, is_final=True),
+        whole=SimulatorLeastSquares(whole.moving, is_final=True, model_error=whole.model_error),
         before=before,
         hypotheses=tuple(hypotheses),
         places=places,
         candidates=tuple(candidates),
     )
+
+
+def _with_smaller_error(
+    windows: TrajectoryLeastSquares,
+    whole: TrajectoryLeastSquares,
+    before: Hypothesis,
+    hypotheses: list[Hypothesis],
+) -> tuple[TrajectoryLeastSquares, TrajectoryLeastSquares, Hypothesis, list[Hypothesis]]:
+    """Return fits and hypotheses with as small a model error as an effect shows.
+
+    The allowed model error is an upper bound. An effect that explains the recordings shows that the model errs less. Under
+    too large an error small effects hide, and the prior of the uncertain parameters weighs too much.
+
+    Parameters
+    ----------
+    windows, whole : TrajectoryLeastSquares
+        Fits in windows and to whole runs.
+    before : Hypothesis
+        Calibrated model, which does not explain the recordings.
+    hypotheses : list of Hypothesis
+        Hypotheses by score; the best one explains the recordings.
+
+    Returns
+    -------
+    tuple
+        The arguments, with the smaller error.
+    """
+    while not _leave_much(hypotheses):
+        model_error = SELECTION.finer * whole.model_error
+        if model_error < PROBLEM.integration_error:
+            break
+        windows, whole = (
+            TrajectoryLeastSquares(whole.moving, whole=is_whole, model_error=model_error) for is_whole in (False, True)
+        )
+        again = partial(_refitted, whole, windows)
+        leading = near_best(hypotheses)
+        before, *fits = side_by_side(again, [before, *leading])
+        hypotheses = by_score(fits, changed_alike(hypotheses[len(leading) :], leading, fits))
+    return windows, whole, before, hypotheses
+
+
+def _refitted(whole: TrajectoryLeastSquares, windows: TrajectoryLeastSquares, h: Hypothesis) -> Hypothesis:
+    """Return a hypothesis fitted again."""
+    return replace(fitted_on_both(whole, windows, h.terms, h.long_fit), log_likelihood_gain=h.log_likelihood_gain)
 
 
 def _in_mujoco(
