@@ -37,6 +37,9 @@ def test_the_log_ratio_of_a_block_is_that_of_its_mean_squares():
     extended[:6] = 0.4
     assert np.allclose(block_log_ratios(without, extended, 2), [np.log(0.25), np.log(4.0)])
     assert block_log_ratios(np.zeros((4, 1)), extended[:4, :1], 2).size == 0
+    # a block where both models leave noise alone says nothing
+    noise = np.full(2, 0.3)
+    assert np.allclose(block_log_ratios(without, extended, 2, noise), [np.log(0.25)])
 
 
 def test_equal_models_seldom_pass_the_test_between_predictions():
@@ -118,6 +121,8 @@ def test_a_partial_explanation_needs_the_larger_part_of_the_posterior_in_its_fam
     attempt = replace(attempt, findings=(replace(attempt.findings[0], family=family),))
     assert is_partial_explanation(attempt, choice(coulomb_friction=0.5, added_mass=0.3))
     assert not is_partial_explanation(attempt, choice(coulomb_friction=0.3, added_mass=0.5))
+    heavier = {frozenset({"added-mass@joint:a"})}  # what hold-out data refute has no share
+    assert is_partial_explanation(attempt, choice(coulomb_friction=0.3, added_mass=0.5), refuted=heavier)
 
 
 @pytest.mark.parametrize(("after", "stands"), [(0.32, False), (0.28, True)])
@@ -160,6 +165,11 @@ def test_one_posterior_mode_in_a_hundred_is_refuted_whatever_the_data_tell():
 def test_the_unexplained_share_bounds_the_probability():
     (one,) = graded([finding("coulomb-friction")], choice(coulomb_friction=0.9, added_mass=0.1), 0.6)
     assert one.probability == pytest.approx(0.54)
+    # hold-out data alone prefer the set, and need both effects
+    fitted = [hypothesis(name).terms[0] for name in ("coulomb-friction", "added-mass")]
+    found = [finding(term.effect.name) for term in fitted]
+    both = graded(found, choice(coulomb_friction=0.9, stop=0.1), 0.6, fitted=fitted)
+    assert [f.probability for f in both] == pytest.approx([0.54, 0.54])
     (of_data,) = graded([replace(finding("sensor-clipping"), probability=0.99)], choice(coulomb_friction=0.9), 0.6)
     assert of_data.probability == pytest.approx(0.6 * 0.99)  # read off the data, without rivals in the search
 

@@ -235,6 +235,7 @@ def test_a_fit_that_ran_away_is_no_attempt():
     idle_note = distance(nominal=0.02, after=0.03, parts=(part(0.0),))
     assert attempt(idle_note).holds  # it is the refit that is worse there
     assert attempt(idle_note).is_of_the_fit_alone
+    assert not replace(attempt(idle_note), explains_fitted=False).is_of_the_fit_alone
     assert not attempt(idle_note, distance(after=0.41)).holds
 
 
@@ -281,15 +282,18 @@ def test_the_spread_is_that_of_all_recordings():
 
 
 def test_parts_of_a_refuted_set_are_attempted_first():
+    def terms(labels):
+        return tuple(SimpleNamespace(label=label) for label in labels)
+
     def of(labels, after):
-        fit = replace(fit_of(), terms=tuple(SimpleNamespace(label=label) for label in labels))
-        return replace(attempt(distance(after=after)), fit=fit)
+        return replace(attempt(distance(after=after)), fit=replace(fit_of(), terms=terms(labels)))
 
     def hypothesis(labels):
-        return SimpleNamespace(terms=[SimpleNamespace(label=label) for label in labels])
+        return SimpleNamespace(terms=terms(labels))
 
     def order(first):
-        tried = further_attempts(first, map(hypothesis, ("abc", "ad", "", "b", "a")), lambda h: of(names(h.terms), 0.3))
+        others = map(hypothesis, ("abc", "ad", "", "b", "a"))
+        tried = further_attempts(first, others, lambda h: of(names(h.terms), 0.3))
         return ["".join(names(t.fit.terms)) for t in tried]
 
     def names(terms):

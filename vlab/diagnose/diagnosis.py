@@ -127,11 +127,14 @@ class Attempt:
         Errors with the attempt as extended model.
     fit : Fit
         Fit of the attempt.
+    explains_fitted : bool
+        Whether the attempt closes the gap on the fitted recordings, which counts where no hold-out recording shows it.
     """
 
     findings: tuple[Finding, ...]
     checked: tuple[Any, ...]
     fit: Fit
+    explains_fitted: bool = True
 
     @property
     def name(self) -> str:
@@ -149,8 +152,8 @@ class Attempt:
 
     @property
     def is_of_the_fit_alone(self) -> bool:
-        """Whether the attempt has no detectable effect on hold-out recordings."""
-        return bool(self.checked) and all(c.is_idle for c in self.checked)
+        """Whether the attempt explains fitted recordings, without a detectable effect on hold-out recordings."""
+        return self.explains_fitted and bool(self.checked) and all(c.is_idle for c in self.checked)
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values for a JSON document, further effects under ``also``."""

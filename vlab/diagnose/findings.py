@@ -125,14 +125,20 @@ def findings_of_attempt(hypothesis: Hypothesis, fit: Fit, problem: Reportable) -
 
 
 def graded(
-    findings: Sequence[Finding], choice: Choice, explained: float, *, is_plausible: bool = True
+    findings: Sequence[Finding],
+    choice: Choice,
+    explained: float,
+    *,
+    is_plausible: bool = True,
+    fitted: Sequence[Term] = (),
 ) -> tuple[Finding, ...]:
     """Return the findings of a partial explanation.
 
     The unexplained share may belong to a law that explains the rest as well, so it bounds every probability. Beside
     parameters that refute the model, another error of the model is as likely as the effects, which halves the
     probabilities. Effects of the same family that are as probable join the indistinguishable ones, and the probability is
-    that of all of them: fitted recordings may prefer one form of a law, and hold-out recordings another.
+    that of all of them: fitted recordings may prefer one form of a law, and hold-out recordings another. Effects that only
+    hold-out data prefer as a set have the probability of their families, since these data need every one of them.
 
     Parameters
     ----------
@@ -144,6 +150,8 @@ def graded(
         Explained share of the mismatch [1].
     is_plausible : bool
         Whether the uncertain parameters agree with what the case states.
+    fitted : sequence of Term
+        Effects of the attempt's fit; other findings are those from the data alone.
 
     Returns
     -------
@@ -156,14 +164,21 @@ def graded(
     for h, p in choice.tried:
         for name in {t.effect.physics for t in h.terms}:
             shares[name] = shares.get(name, 0.0) + p / max(known, 1e-300)
+    named = {t.effect.physics for t in fitted}
+    is_ranked = any({t.effect.physics for t in h.terms} == named for h, _ in choice.tried)
+    together = set() if is_ranked else named
+    families = {t.effect.family for t in fitted}
+    of_set = sum(p for h, p in choice.tried if families & {t.effect.family for t in h.terms}) / max(known, 1e-300)
     out = []
     for finding in findings:
-        own = shares.get(finding.effect, finding.probability)  # findings from the data alone have no rivals
+        alone = 0.0 if finding.effect in named else finding.probability  # findings from the data have no rivals
+        own = shares.get(finding.effect, alone)
         related = (t.effect for h, _ in choice.tried for t in h.terms if t.effect.family == finding.family)
-        rivals = [e.physics for e in related if shares[e.physics] >= own]
+        rivals = [e.physics for e in related if shares[e.physics] >= own and finding.effect not in together]
         alike = tuple(dict.fromkeys([*finding.alike, *rivals]))
         names = {finding.effect, *alike}
         of_any = sum(p for h, p in choice.tried if names & {t.effect.physics for t in h.terms}) / max(known, 1e-300)
+        of_any = of_set if finding.effect in together else of_any
         out.append(replace(finding, probability=most * max(own, of_any), alike=alike))
     return tuple(out)
 

@@ -42,6 +42,7 @@ from vlab.diagnose.search.left_out_recordings import with_left_out
 from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised, choose_model_class
 from vlab.diagnose.search.sampling_convention import note_of_conventions
 from vlab.diagnose.search.selection import TimeFound
+from vlab.diagnose.settings import VERDICT
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import explained_share, total
 from vlab.diagnose.validation.mismatch import locate_mismatch
@@ -185,6 +186,7 @@ class _Judged:
     verdict: Verdict = "none-of-these"
     tried: Attempt | None = None
     attempt: Attempt | None = None
+    refuted: frozenset[frozenset[str]] = frozenset()
     notes: tuple[str, ...] = ()
 
     @property
@@ -385,12 +387,21 @@ class _Pass:
     def _graded(self, searched: _Searched, judged: _Judged, trials: Trials) -> _Judged:
         """Return the partial explanation, or else the best attempt."""
         assert judged.tried is not None
-        others = (h for h in searched.found.hypotheses if h.label != judged.choice.best.label)
+        shares = {h.label: p for h, p in judged.choice.tried if p > VERDICT.false_alarm_rate}
+        others = [h for h in searched.found.hypotheses if h.label != judged.choice.best.label]
+        others.sort(key=lambda h: -shares.get(h.label, 0.0))  # then by score
         has_mesh_error = searched.problem.model_kind.has_mesh_error
-        is_partial = partial(is_partial_explanation, choice=judged.choice, has_mesh_error=has_mesh_error)
+        refuted: set[frozenset[str]] = set()
+        is_partial = partial(
+            is_partial_explanation, choice=judged.choice, refuted=refuted, has_mesh_error=has_mesh_error
+        )
         attempt_of = partial(trials.of_hypothesis, effects=self.effects)
-        attempt = best_attempt(judged.tried, further_attempts(judged.tried, others, attempt_of), is_partial)
+        attempts = further_attempts(judged.tried, others, attempt_of)
+        attempt = best_attempt(judged.tried, attempts, is_partial, refuted)
         if attempt is None or not is_partial(attempt):
+            if attempt is not None and attempt.is_of_the_fit_alone:
+                fitted = trials.on_fitted(attempt.fit, attempt.findings)
+                attempt = replace(attempt, explains_fitted=closes_gap(fitted, model_kind=searched.problem.model_kind))
             return replace(judged, attempt=attempt)
         terms_of = partial(findings_of_terms, judged.choice, problem=searched.problem)
         attempt = without_useless(
@@ -399,12 +410,13 @@ class _Pass:
         attempt = trials.probable(attempt, judged.choice, searched.found.whole.fit, terms_of, is_partial)
         after = judged.seen.on(extended(searched.problem, attempt.fit))
         after = after if trials.change is None else trials.change(after)
+        judged = replace(judged, refuted=frozenset(refuted))
         return replace(judged, verdict="partly-explained", tried=attempt, fit=attempt.fit, after=after)
 
     def _diagnosed(self, searched: _Searched, judged: _Judged) -> Diagnosed:
         """Return the diagnosis with its models."""
         assert judged.tried is not None
-        problem, choice, verdict = searched.problem, judged.choice, judged.verdict
+        problem, verdict, choice = searched.problem, judged.verdict, judged.choice.without(judged.refuted)
         checked, after, fit = list(judged.tried.checked), judged.after, judged.fit
         findings: Sequence[Finding] = ()
         is_aliased = choice.is_prior_driven and not has_plausible_parameters(judged.confirmed.before)
@@ -417,7 +429,7 @@ class _Pass:
             checked = [c.without_findings() for c in checked]
         if verdict in ("partly-explained", "unknown-law"):
             share, is_plausible = explained_share(checked) or 0.0, has_plausible_parameters(fit)
-            findings = graded(findings, choice, share, is_plausible=is_plausible)
+            findings = graded(findings, choice, share, is_plausible=is_plausible, fitted=fit.terms)
         findings, attempt, seen = one_per_law(findings), judged.attempt, judged.seen
         diagnosis = Diagnosis(
             title=problem.case.table.title,

@@ -334,7 +334,13 @@ def family_share(choice: Choice, families: Collection[str]) -> float:
     return sum(p for p, is_own in shares if is_own) / max(sum(p for p, _ in shares), 1e-300)
 
 
-def is_partial_explanation(attempt: Attempt, choice: Choice, *, has_mesh_error: bool = False) -> bool:
+def is_partial_explanation(
+    attempt: Attempt,
+    choice: Choice,
+    *,
+    refuted: Collection[frozenset[str]] = frozenset(),
+    has_mesh_error: bool = False,
+) -> bool:
     """Return whether an attempt is a partial explanation.
 
     Its effects generalise, and their families have more than half of the posterior of all fitted effects. Beside mesh error
@@ -346,6 +352,8 @@ def is_partial_explanation(attempt: Attempt, choice: Choice, *, has_mesh_error: 
         Attempt with errors on hold-out data.
     choice : Choice
         Choice with its ranking.
+    refuted : collection of frozenset of str
+        Labels of hypotheses that hold-out data refute.
     has_mesh_error : bool
         Whether effects absorb mesh error.
 
@@ -357,7 +365,7 @@ def is_partial_explanation(attempt: Attempt, choice: Choice, *, has_mesh_error: 
     families = {finding.family for finding in attempt.findings}
     is_held_out = all(c.role == "holdout" for c in attempt.checked)
     explains = explains_most if has_mesh_error else explains_part
-    return is_held_out and explains(attempt.checked) and family_share(choice, families) > 0.5
+    return is_held_out and explains(attempt.checked) and family_share(choice.without(refuted), families) > 0.5
 
 
 def _is_like_mesh_error(choice: Choice) -> bool:

@@ -1,7 +1,7 @@
 """Choice among hypotheses: number of effects, effect class, location and probability."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import stats
@@ -48,6 +48,30 @@ class Choice:
     def tried(self) -> tuple[tuple[Hypothesis, float], ...]:
         """All hypotheses with probabilities, the chosen one first."""
         return ((self.best, self.probability), *self.ranking) if self.best.terms else self.ranking
+
+    def without(self, refuted: Collection[frozenset[str]]) -> "Choice":
+        """Return the choice after hold-out data refuted hypotheses.
+
+        Parameters
+        ----------
+        refuted : collection of frozenset of str
+            Labels of the effects of each refuted hypothesis.
+
+        Returns
+        -------
+        Choice
+            Choice in which refuted hypotheses have no probability, and are not indistinguishable.
+        """
+
+        def is_left(h: Hypothesis) -> bool:
+            return frozenset(t.label for t in h.terms) not in refuted
+
+        return replace(
+            self,
+            alike=tuple(h for h in self.alike if is_left(h)),
+            probability=self.probability if is_left(self.best) else 0.0,
+            ranking=tuple((h, p if is_left(h) else 0.0) for h, p in self.ranking),
+        )
 
 
 def is_prior_driven(more: Hypothesis, less: Hypothesis) -> bool:

@@ -263,9 +263,14 @@ def _useful_terms(attempt: Attempt, first: int) -> tuple[Term, ...]:
 
 
 def best_attempt(
-    first: Attempt, others: Iterable[Attempt], is_partial: Callable[[Attempt], bool] | None = None
+    first: Attempt,
+    others: Iterable[Attempt],
+    is_partial: Callable[[Attempt], bool] | None = None,
+    refuted: set[frozenset[str]] | None = None,
 ) -> Attempt | None:
     """Return the attempt that explains most, or else a part.
+
+    Of the attempts that hold-out data do not refute, at most `ATTEMPT.most_attempts` follow the first one.
 
     Parameters
     ----------
@@ -275,6 +280,8 @@ def best_attempt(
         Lazily evaluated attempts with other hypotheses, best first.
     is_partial : callable or None
         Whether an attempt may be reported as a partial explanation; `explains_part` by default.
+    refuted : set of frozenset of str, optional
+        Extended by the labels of every attempt that hold-out data refute, before the next attempt is judged.
 
     Returns
     -------
@@ -282,14 +289,19 @@ def best_attempt(
         Best attempt; None where all diverge.
     """
     is_partial = is_partial or (lambda attempt: explains_part(attempt.checked))
-    part = best = None
-    for attempt in chain([first] if first.findings else [], islice(others, ATTEMPT.most_attempts)):
-        if is_partial(attempt):
-            if explains_most(attempt.checked):
-                return attempt
-            part = part or attempt
-        best = best or (attempt if attempt.holds else None)
-    return part or best
+    refuted = set() if refuted is None else refuted
+    tried: list[Attempt] = []
+    left = ATTEMPT.most_attempts + 1
+    for attempt in chain([first] if first.findings else [], islice(others, left + MODEL_CHOICE.ranked)):
+        is_out = _is_refuted(attempt)
+        refuted |= {_labels(attempt.fit.terms)} if is_out else set()
+        tried.append(attempt)
+        left -= not is_out
+        if left == 0 or (is_partial(attempt) and explains_most(attempt.checked)):
+            break
+    parts = [attempt for attempt in tried if is_partial(attempt)]  # more is refuted now
+    most = [attempt for attempt in parts if explains_most(attempt.checked)]
+    return next(chain(most, parts, (attempt for attempt in tried if attempt.holds)), None)
 
 
 def further_attempts(
@@ -316,7 +328,7 @@ def further_attempts(
         Attempts in the order of trial.
     """
     left, attempt = [h for h in hypotheses if h.terms], first
-    refuted: list[set[str]] = []
+    refuted: list[frozenset[str]] = []
     while left:
         refuted += [_labels(attempt.fit.terms)] if _is_refuted(attempt) else []
         alone = set().union(*(known for known in refuted if len(known) == 1))
@@ -328,9 +340,9 @@ def further_attempts(
         yield attempt
 
 
-def _labels(terms: Sequence[Term]) -> set[str]:
+def _labels(terms: Sequence[Term]) -> frozenset[str]:
     """Return the labels of effects."""
-    return {term.label for term in terms}
+    return frozenset(term.label for term in terms)
 
 
 def _is_refuted(attempt: Attempt) -> bool:

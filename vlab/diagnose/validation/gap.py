@@ -141,7 +141,7 @@ class Distance:
         return None if self.is_idle else gap_closed(self.before, self.after, self.noise)
 
 
-def block_log_ratios(without: Array, extended: Array, blocks: int) -> Array:
+def block_log_ratios(without: Array, extended: Array, blocks: int, noise: Array | float = 0.0) -> Array:
     """Return log ratios of mean-square errors by block.
 
     Parameters
@@ -150,18 +150,22 @@ def block_log_ratios(without: Array, extended: Array, blocks: int) -> Array:
         Errors of both models over the channels' rms.
     blocks : int
         Number of blocks of equal length.
+    noise : (n_channels,) array or float
+        Noise over the channels' rms.
 
     Returns
     -------
     (n_blocks,) array
-        Log ratios, positive where the extended model is better. Blocks without error are absent.
+        Log ratios, positive where the extended model is better. Blocks in which neither model errs by more than the noise
+        are absent: the start of a slow sweep, or a pause.
     """
+    within = float(np.mean(np.square(noise)))
     pairs = [
         (float(np.mean(a**2)), float(np.mean(b**2)))
         for a, b in zip(np.array_split(without, blocks), np.array_split(extended, blocks), strict=True)
         if a.size
     ]
-    return np.array([np.log(a / b) for a, b in pairs if a > 0.0 and b > 0.0])
+    return np.array([np.log(a / b) for a, b in pairs if min(a, b) > 0.0 and max(a, b) > within])
 
 
 def predicts_better(log_ratios: Array, false_alarm_rate: float) -> bool:

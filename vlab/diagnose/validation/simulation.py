@@ -415,7 +415,7 @@ def _checked(
         parts=tuple(parts),
         horizon_s=horizon,
         band_hz=band_hz if is_limited else np.inf,
-        log_ratios=_log_ratios(run, names, start, recordings[2], scale, band_hz if is_limited else np.inf),
+        log_ratios=_log_ratios(run, names, start, recordings[2], (scale, noise), band_hz if is_limited else np.inf),
         run=run,
         simulated=(recordings[0], recordings[1], recordings[2]),
     )
@@ -448,12 +448,16 @@ def _log_ratios(
     names: Sequence[str],
     without: Recording | None,
     extended: Recording | None,
-    scale: Array,
+    sizes: tuple[Array, Array],
     band_hz: float,
 ) -> Array:
-    """Return the log ratios of both models' errors by block."""
+    """Return the log ratios of both models' errors by block.
+
+    `sizes` holds the channels' rms, and their noise over the rms.
+    """
     if without is None or extended is None or without is extended:
         return np.zeros(0)
+    scale, noise = sizes
     kept = ~held_samples(run.measured)
     columns = [run.measured.index(name) for name in names]
     read = np.column_stack([run.measured.is_read(name) for name in names])
@@ -461,7 +465,7 @@ def _log_ratios(
         below((model.data - run.measured.data)[:, columns] * read, run.measured.sample_period, band_hz)[kept] / scale
         for model in (without, extended)
     ]
-    return block_log_ratios(errors[0], errors[1], VALIDATION.blocks)
+    return block_log_ratios(errors[0], errors[1], VALIDATION.blocks, noise)
 
 
 def _try(model: ExtendedModel | None, run: Run) -> Array | None:
