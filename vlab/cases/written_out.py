@@ -276,10 +276,8 @@ class _Writer:
             return None
         if _FOLDER in one and data is not None:
             known = list(range(min(data.episodes, MOST_UNCHOSEN + 1)))
-        elif str(one["file"]).endswith(".parquet"):
-            known = self.in_file(one["file"], key)
         else:
-            return None
+            known = self.in_file(one["file"], key)
         if len(known) > MOST_UNCHOSEN:
             raise self.reader.fail(
                 key,
@@ -292,7 +290,7 @@ class _Writer:
         return known if len(known) > 1 or _FOLDER in one else None
 
     def in_file(self, file: str, key: str) -> list[int]:
-        """Return the episodes of a Parquet file."""
+        """Return the episodes of a file."""
         try:
             real = (self.folder / file).resolve() if self.allow_outside else path_inside(file, self.folder)
             return episodes_in(real) if real.is_file() else []
