@@ -28,6 +28,7 @@ from vlab.recordings.formats.blanks import tabbed
 from vlab.recordings.formats.cells import DECIMAL_COMMA, cut_line, parse_number
 from vlab.recordings.formats.csv_head import Layout, check_names, layout_of, stated_units
 from vlab.recordings.formats.csv_labels import SIGNATURE, read_labels
+from vlab.recordings.formats.list_cells import expanded
 from vlab.recordings.formats.text_stamps import lines_of, read_stamps
 from vlab.recordings.stamps import is_stamp
 from vlab.recordings.table import (
@@ -129,7 +130,8 @@ def _plain_text(data: bytes, path: Path) -> tuple[bytes, tuple[str, ...]]:
         raise refuse(path, "not a UTF-8 text file", fix="export it as plain CSV text")
     if b"\r" in data[:_LOOKED_AT] and b"\n" not in data[:_LOOKED_AT]:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    return tabbed(data), notes
+    data, expansions = expanded(data, path)
+    return tabbed(data), (*notes, *expansions)
 
 
 def _without_repeats(data: bytes, layout: Layout) -> tuple[bytes, tuple[str, ...]]:
@@ -184,7 +186,8 @@ def _stated_units(layout: Layout) -> dict[str, str]:
     if layout.units:
         return stated_units(layout, {i: layout.names[i] for i in layout.keep}) | seconds
     found = {layout.names[i]: _BRACKETED.fullmatch(layout.names[i].strip()) for i in layout.keep}
-    return {name: match[1].strip() for name, match in found.items() if match is not None} | seconds
+    stated = {name: match[1].strip() for name, match in found.items() if match is not None}
+    return {name: unit for name, unit in stated.items() if not unit.isdecimal()} | seconds  # q[0] is an element
 
 
 def _on_stamps(layout: Layout) -> list[str]:

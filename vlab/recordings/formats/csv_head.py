@@ -135,7 +135,7 @@ def layout_of(data: bytes, path: Path, names: Sequence[str] | None, *, is_lenien
     delimiter = delimiter_of(text, is_lenient=is_lenient)
     cells = cut_line(text, delimiter, path, number)
     counts = {len(cells), len(_stripped(cells))}
-    rows = [_stripped(cut_line(line.text, delimiter, path, line.number)) for line in content[:at]]
+    rows = [_fitted(cut_line(line.text, delimiter, path, line.number), counts) for line in content[:at]]
     block = at
     while block and len(rows[block - 1]) in counts and not any(is_number(c, delimiter) for c in rows[block - 1]):
         block -= 1
@@ -240,7 +240,8 @@ def _first_numbers(content: Sequence[_Line], path: Path, *, is_lenient: bool) ->
         return _below_names(content, delimiter)
     for at in range(1, len(content)):
         delimiter = delimiter_of(content[at].text)
-        above, cells = (_cells(line.text, delimiter) for line in content[at - 1 : at + 1])
+        cells = _cells(content[at].text, delimiter)
+        above = _fitted([cell.strip() for cell in content[at - 1].text.split(delimiter)], {len(cells)})
         is_named = len(above) == len(cells) and not any(is_number(cell, delimiter) for cell in above)
         if is_named and any(is_number(cell, delimiter) or is_stamp(cell) for cell in cells):
             return at
@@ -281,6 +282,12 @@ def _cells(text: str, delimiter: str) -> list[str]:
 
 def _stripped(cells: list[str]) -> list[str]:
     return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
+
+
+def _fitted(cells: list[str], counts: set[int]) -> list[str]:
+    """Return the cells of a line, with a blank last cell if the count needs one."""
+    short = _stripped(cells)
+    return cells if len(short) not in counts and len(cells) in counts else short
 
 
 def _are_numbers(cells: Sequence[str], delimiter: str, *, is_lenient: bool) -> bool:
