@@ -30,7 +30,7 @@ from vlab.recordings.formats.csv_head import Layout, check_names, layout_of, sta
 from vlab.recordings.formats.csv_labels import SIGNATURE, read_labels
 from vlab.recordings.formats.list_cells import expanded
 from vlab.recordings.formats.text_stamps import lines_of, read_stamps
-from vlab.recordings.stamps import is_stamp
+from vlab.recordings.stamps import FORM, is_stamp, is_timelike
 from vlab.recordings.table import (
     EVERY,
     Table,
@@ -331,6 +331,8 @@ def _cell(layout: Layout, line: int, index: int, cell: str, is_last: bool) -> co
         fix = "lines after the header hold numbers only"
         if is_stamp(cell):
             fix = "write time stamps in every line, or numbers"
+        elif is_timelike(cell):
+            fix = f"write times in seconds, or as {FORM}"
         elif re.fullmatch(r"[+-]?\d+,\d+", cell):
             fix = "use a point as the decimal sign"
         elif len(cell.split()) > 1:

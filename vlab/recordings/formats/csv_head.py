@@ -285,7 +285,7 @@ def _stripped(cells: list[str]) -> list[str]:
 
 
 def _fitted(cells: list[str], counts: set[int]) -> list[str]:
-    """Return the cells of a line, with a blank last cell if the count needs one."""
+    """Return the cells of a line, the last one blank if counted."""
     short = _stripped(cells)
     return cells if len(short) not in counts and len(cells) in counts else short
 
