@@ -209,17 +209,16 @@ def factor(unit: str, si: str) -> float:
         if as_gravity == target_dimension:
             return gravity / target
     if dimension != target_dimension:
-        raise BadUnit(
-            f"unit {unit!r} cannot be converted to {si!r}: the unit measures {_quantity(dimension)}, not "
-            f"{_quantity(target_dimension)}{_accepted(si)}"
-        )
+        words = [_quantity(own) for own in (dimension, target_dimension)]
+        one, other = words if all(words) else map(str, (dimension, target_dimension))
+        said = f"that of {one}, not of {other}" if all(words) else f"{one}, not {other}"
+        raise BadUnit(f"unit {unit!r} cannot be converted to {si!r}: its dimension is {said}{_accepted(si)}")
     return value / target
 
 
 def _quantity(dimension: Any) -> str:
-    """Return a dimension as the name of a quantity."""
-    found = next((name for unit, name in _QUANTITIES.items() if _parse(unit)[1] == dimension), "")
-    return found or f"[{dimension}]"
+    """Return the name of the quantity of a dimension, or an empty text."""
+    return next((name for unit, name in _QUANTITIES.items() if _parse(unit)[1] == dimension), "")
 
 
 def _accepted(si: str) -> str:

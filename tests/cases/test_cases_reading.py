@@ -354,7 +354,7 @@ def test_an_error_names_file_and_column_as_the_user_knows_them(tmp_path):
         '[[recording.channel]]\ncolumn = "x"\nat = "encoder"\nkind = "displacement"\nunit = "m"\n'
     )
     for old, new, words in (
-        ('unit = "m"', 'unit = "N"', "the unit measures a force, not a length.*column 'x' of 'run1.csv'"),
+        ('unit = "m"', 'unit = "N"', "that of a force, not of a length.*column 'x' of 'run1.csv'"),
         ('at = "encoder"', 'at = "encodr"', "did you mean 'encoder'.*column 'x' of 'run1.csv'"),
         ('time = "t"\n', "", "give rate_hz.*recording 1, 'run1.csv'"),
     ):
