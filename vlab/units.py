@@ -46,6 +46,28 @@ _BAD_POWER = re.compile(
 )
 """Powers that are refused: long numbers, and powers of powers, which would take hours to compute."""
 
+MOST_NAMED = 8
+"""MOST_NAMED [1]: largest number of units that a message names."""
+_QUANTITIES = {
+    "1": "a number or an angle",
+    "m": "a length",
+    "s": "a time",
+    "kg": "a mass",
+    "N": "a force",
+    "N m": "a moment",
+    "m/s": "a velocity",
+    "m/s^2": "an acceleration",
+    "1/s": "a rate of turning or a frequency",
+    "1/s^2": "an angular acceleration",
+    "N/m": "a stiffness",
+    "N s/m": "a damping constant",
+    "kg m^2": "an inertia",
+    "V": "a voltage",
+    "A": "a current",
+    "W": "a power",
+    "Pa": "a pressure",
+    "K": "a temperature",
+}
 _TURNS = re.compile(r"rad|deg|grad|turn|cycle|revolution|rpm")
 _PER_SECOND = re.compile(r"Hz|hertz|cps")
 ANGLES = ("rad", "rad/s", "rad/s^2")
@@ -187,10 +209,22 @@ def factor(unit: str, si: str) -> float:
         if as_gravity == target_dimension:
             return gravity / target
     if dimension != target_dimension:
-        raise BadUnit(
-            f"unit {unit!r} cannot be converted to {si!r}: its dimension is {dimension}, not {target_dimension}"
-        )
+        words = [_quantity(own) for own in (dimension, target_dimension)]
+        one, other = words if all(words) else map(str, (dimension, target_dimension))
+        said = f"that of {one}, not of {other}" if all(words) else f"{one}, not {other}"
+        raise BadUnit(f"unit {unit!r} cannot be converted to {si!r}: its dimension is {said}{_accepted(si)}")
     return value / target
+
+
+def _quantity(dimension: Any) -> str:
+    """Return the name of the quantity of a dimension, or an empty text."""
+    return next((name for unit, name in _QUANTITIES.items() if _parse(unit)[1] == dimension), "")
+
+
+def _accepted(si: str) -> str:
+    """Return the usual units of a quantity, for messages."""
+    units = WRITTEN.get(si, ())
+    return f" (accepted: {', '.join(units[:MOST_NAMED])})" if len(units) > 1 else ""
 
 
 def _turns(unit: str, si: str) -> float:

@@ -341,3 +341,23 @@ def test_a_mistake_in_a_shared_channel_is_placed_where_the_file_has_it(folder):
     (folder / "case.toml").write_text(f"{text}\n{shared}")
     with pytest.raises(BadCase, match=r"case\.toml: channel\[0\]: unknown unit 'mmm'; did you mean 'mm'"):
         load_case(folder)
+
+
+def test_an_error_names_file_and_column_as_the_user_knows_them(tmp_path):
+    (tmp_path / "rig.xml").write_text(
+        '<mujoco><worldbody><body><joint name="slide" type="slide"/><geom size=".1"/></body></worldbody>'
+        '<sensor><jointpos name="encoder" joint="slide"/></sensor></mujoco>'
+    )
+    (tmp_path / "run1.csv").write_text("t,x\n0,0\n1,1\n")
+    text = (
+        '[model]\nmjcf = "rig.xml"\n[[recording]]\nfile = "run1.csv"\nrole = "fit"\ntime = "t"\n'
+        '[[recording.channel]]\ncolumn = "x"\nat = "encoder"\nkind = "displacement"\nunit = "m"\n'
+    )
+    for old, new, words in (
+        ('unit = "m"', 'unit = "N"', "that of a force, not of a length.*column 'x' of 'run1.csv'"),
+        ('at = "encoder"', 'at = "encodr"', "did you mean 'encoder'.*column 'x' of 'run1.csv'"),
+        ('time = "t"\n', "", "give rate_hz.*recording 1, 'run1.csv'"),
+    ):
+        (tmp_path / "case.toml").write_text(text.replace(old, new))
+        with pytest.raises(BadCase, match=words):
+            load_case(tmp_path)

@@ -127,6 +127,32 @@ def test_a_log_with_other_columns_is_left_out(arm, tmp_path):
     assert [path.name for part in draft.parts for path in part.paths] == ["run1.csv", "run2.csv"]
 
 
+TROLLEY = """<mujoco model="trolley"><option timestep="0.001" gravity="0 0 0"/><worldbody><body name="trolley">
+<joint name="rail" type="slide" axis="1 0 0" damping="4" {}/><geom type="box" size="0.05 0.05 0.05" mass="2"/>
+</body></worldbody><actuator><motor name="motor" joint="rail"/></actuator>
+<sensor><jointpos name="encoder" joint="rail"/></sensor></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("joint", "largest", "unit", "is_sure", "why"),
+    [
+        ('range="-2 2" limited="true"', 0.8, "m", False, "of the joint's range in m; in mm they fit, too"),
+        ('range="-2 2" limited="true"', 800.0, "mm", True, "would leave the range"),
+        ("", 0.8, "m", False, "times that of the model; in mm they fit, too"),
+        ("", 800.0, "mm", False, "more than the model's size"),
+    ],
+)
+def test_a_trolley_on_a_long_rail_is_in_metres(tmp_path, joint, largest, unit, is_sure, why):
+    (tmp_path / "trolley.xml").write_text(TROLLEY.format(joint))
+    time, one, other = swinging()  # the force has nothing to do with the motion, so no simulation tells the unit
+    log = write_table(tmp_path / "log.csv", time=time, motor=10.0 * other, encoder=largest * one)
+    draft = draft_case(str(tmp_path / "trolley.xml"), [log], tmp_path)
+    (encoder,) = [m for m in draft.channels if m.at == "encoder"]
+    assert (encoder.unit, encoder.is_unit_sure) == (unit, is_sure)
+    assert why in encoder.why_unit
+    assert any("encoder" in line for line in draft.unsure) is not is_sure
+
+
 # ---- names, roles and units -----------------------------------------------------------------------------------------
 
 

@@ -36,6 +36,10 @@ def test_modes_document_has_what_scripts_need(capsys):
     assert err == ""
     assert document["structure"] == "beam"
     assert [row["mode"] for row in document["modes"]] == [1, 2, 3, 4, 5, 6]
+    header = run(capsys, "modes", "beam")[1].lower()
+    assert "fe model hz" in header
+    assert "mujoco fe matrices hz" in header
+    assert " fe hz" not in header
     for row in document["modes"]:
         assert row["fe_hz"] == pytest.approx(row["published_hz"], rel=1e-3)  # Table 1, 0.1 %
         assert row["plant_hz"]["composite"] == pytest.approx(row["fe_hz"], rel=2e-3)  # 0.2 %

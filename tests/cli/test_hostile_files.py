@@ -1,6 +1,7 @@
 """Files that are no files, numbers out of range and sensors that stand still: one line, and no waiting."""
 
 import errno
+import json
 import os
 
 import numpy as np
@@ -118,3 +119,28 @@ def test_a_draft_that_cannot_be_written_leaves_no_empty_folder(capsys, rig, monk
     words = ["init", rig / "rig.xml", rig / "a.csv", "--out", rig / "new" / "drafted"]
     assert "No space left on device" in refused(capsys, *words)
     assert not (rig / "new").exists()
+
+
+def test_a_diagnosis_of_sensors_that_stand_still_ends_before_any_fit(capsys, rig, monkeypatch):
+    from vlab.diagnose import pipeline
+
+    def unwanted(*_):
+        raise AssertionError("a model class was fitted")
+
+    monkeypatch.setattr(pipeline, "choose_model_class", unwanted)
+    write(rig, np.full(400, 0.001))
+    status, out, _ = run(capsys, "diagnose", str(rig / "case.toml"), "--out", str(rig / "out"))
+    assert status == 0
+    assert "no sensor moves in any recording to fit" in out
+    assert "0.001 rad throughout" in out
+
+
+def test_the_noise_of_a_check_is_at_least_that_of_the_step(capsys, rig):
+    step = 0.05
+    write(rig, step * np.rint(np.sin(np.arange(400) / 30.0) / step))
+    status, out, _ = run(capsys, "check", str(rig / "case.toml"), "--json")
+    assert status == 0
+    for channel in (c for c in json.loads(out)["channels"] if not c["is_input"]):
+        assert channel["step"] == pytest.approx(step)
+        assert channel["noise"] >= step / np.sqrt(12.0) * (1.0 - 1e-9)
+    assert "sensor step" in run(capsys, "check", str(rig / "case.toml"))[1]

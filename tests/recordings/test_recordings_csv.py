@@ -9,6 +9,7 @@ from vlab.errors import BadRecording, BadUnit
 from vlab.recordings import open_table
 from vlab.recordings.assemble import ColumnSpec, to_recording
 from vlab.recordings.formats import csv
+from vlab.recordings.formats.csv_head import layout_of
 
 
 def table(tmp_path, text, **options):
@@ -98,8 +99,6 @@ def test_a_complex_column_with_no_imaginary_part_is_real(tmp_path):
         ("a,b\n1,2\n1e999,3\n", r"line 3: column 1 \('a'\) is infinite"),
         ("a,b\n1,nan+nanj\n", r"line 2: column 2 \('b'\) is NaN"),
         ("a;b\n1.5;2,5\n", r"line 2: .*decimal sign"),
-        ("1.0 2.0\n3.0 4.0\n", r"comma, semicolon or tab|no numbers after it"),
-        ("a b\n1.0 2.0\n", r"line 2: .*separate the columns by comma"),
         ("a,b\n1,2\n\n3,4\n", r"line 3: an empty line"),
         ("a,b\n1,2\n3", r"line 3: the file is truncated: 1 of 2 cells"),
         ("a,b\n1,2\n3,", r"line 3: the file is truncated"),
@@ -113,8 +112,8 @@ def test_a_complex_column_with_no_imaginary_part_is_real(tmp_path):
         ('a,"b\n1,2\n', "quotes do not close"),
         ('a,b\n1,"2\n', "line 2: the quotes do not close"),
         ("a,b,\n1,2,\n3,4,5\n", "line 3: 3 cells for 2 names"),
-        (b"a,\xb5m\n1,2\n", "line 1 is not UTF-8"),
-        ("a,b\n1,2\n".encode("utf-16"), "not a UTF-8 text"),
+        (b"a,\x81m\n1,2\n", "line 1 is not UTF-8"),
+        (b"\xff\xfea", "not UTF-16 text"),
         (b"PK\x03\x04\0\0\0", "not a UTF-8 text"),
         (b"1," * 600_000, "a line of more than"),
         (b"1" + b",1" * 10_000 + b"\n", "at most 10000"),
@@ -138,7 +137,7 @@ def test_fast_and_slow_path_give_the_same_bits(tmp_path):
     values = np.frombuffer(rng.bytes(8 * 3000), dtype=float)
     values = values[np.isfinite(values)][:2700].reshape(-1, 3)
     body = "a,b,c\n" + "\n".join(",".join(map(repr, row)) for row in values.tolist()) + "\n"
-    layout = csv._layout(body.encode(), tmp_path / "run.csv", None)
+    layout = layout_of(body.encode(), tmp_path / "run.csv", None)
     fast, slow = csv._fast(body.encode(), layout), csv._slow(body.encode(), layout)
     assert fast is not None
     for i in range(3):  # no tolerance: both round correctly
@@ -148,7 +147,7 @@ def test_fast_and_slow_path_give_the_same_bits(tmp_path):
 def test_a_million_rows_take_the_fast_path(tmp_path):
     # A row-wise reader of 200 000 x 5 would need about a second; only that pyarrow takes it is asserted, not a time.
     text = b"a,b,c,d,e\n" + b"0.125,-1.5,3.25e-3,4,5.0625\n" * 200_000
-    layout = csv._layout(text, tmp_path / "run.csv", None)
+    layout = layout_of(text, tmp_path / "run.csv", None)
     fast = csv._fast(text, layout)
     assert fast is not None
     assert fast[2].shape == (200_000,)
@@ -156,7 +155,7 @@ def test_a_million_rows_take_the_fast_path(tmp_path):
 
 def test_a_delimiter_at_the_ends_of_the_lines_takes_the_fast_path(tmp_path):
     text = '"a","b",\n1,2,\n3,4,\n'
-    layout = csv._layout(text.encode(), tmp_path / "run.csv", None)
+    layout = layout_of(text.encode(), tmp_path / "run.csv", None)
     fast = csv._fast(text.encode(), layout)
     assert fast is not None
     assert [column.tolist() for column in fast] == [[1.0, 3.0], [2.0, 4.0]]

@@ -167,3 +167,28 @@ def test_offsets_to_utc_count():
     assert seconds_from(first, ["2025-03-30T03:30:00+02:00"])[0] == 3600.0
     assert first_stamp(["10:00:01", "2025-03-01T00:00:00", "9:00:00"], "10:00:01") == read_stamp("09:00:00")
     assert read_stamp("1:2") is None
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        ("2025/03/01 23:59:59.500", "2025/3/2 00:00:01.000"),
+        ("01.03.2025 23:59:59,500", "02.03.2025 00:00:01,000"),
+        ("20250301T235959.500", "20250302T000001"),
+        ("11:59:59.500 PM", "12:00:01.000 AM"),
+        ("23:59:59:500", "00:00:01:000"),
+        ("2025-03-01 11:59:59.500 PM", "2025-03-02 12:00:01.000 AM"),
+    ],
+)
+def test_stamps_of_loggers_count_over_midnight(tmp_path, stamps):
+    path = tmp_path / "log.csv"
+    path.write_text("time;x\n" + "".join(f"{stamp};{k}\n" for k, stamp in enumerate(stamps)))
+    np.testing.assert_allclose(open_table(path)["time"], [0.0, 1.5])
+
+
+@pytest.mark.parametrize("stamp", ["03/01/2025 23:59:59.5", "59:57.250", "13:00:00 PM", "23:59:59:5", "2025-03-01"])
+def test_ambiguous_times_are_refused_with_the_accepted_forms(tmp_path, stamp):
+    path = tmp_path / "log.csv"
+    path.write_text(f"time,x\n{stamp},1\n{stamp},2\n")
+    with pytest.raises(BadRecording, match="ISO 8601|time stamp"):
+        open_table(path)

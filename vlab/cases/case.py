@@ -12,7 +12,7 @@ from typing import Any
 from vlab.cases.channel_map import Run, find_input, find_output, find_place, make_run, wire
 from vlab.cases.description import CaseTable, ChannelTable, ModelTable, RecordingTable
 from vlab.cases.in_memory import LABEL, in_memory_error, read_arrays, read_model
-from vlab.cases.written_out import WrittenOut, check_file, write_out
+from vlab.cases.written_out import WrittenOut, check_file, labels_of, write_out
 from vlab.errors import BadCase, VlabError, unknown_name
 from vlab.files.arguments import checked
 from vlab.files.examples import located
@@ -350,7 +350,9 @@ def load_case(path: Path | str, *, allow_outside: bool = False) -> Case:
     reader = Reader(path, provenance_required=False, error=BadCase)
     if is_folder and path.exists():  # a file that the user names directly may be a link
         check_file(reader, "", path.name)
-    written = write_out(reader.load(), reader, allow_outside=allow_outside)
+    raw = reader.load()
+    reader.label(labels_of(raw))
+    written = write_out(raw, reader, allow_outside=allow_outside)
     with reader.placed(written.origins()):
         table = reader.table(CaseTable, written.raw)
     for where, recording in zip(written.places, table.recording, strict=True):

@@ -18,6 +18,7 @@ _INPUTS = ("command", "moment", "force", "voltage", "current")
 """Kinds of a column that more often drive than show a model."""
 _GENERIC = {"joint", "jnt", "hinge", "slide", "servo", "motor", "actuator", "act", "sensor", "encoder", "enc"}
 """Words of an element's name that say what the element is; a log often leaves such words out."""
+_OUTER = re.compile(r".*[./]")
 _NUMBER = re.compile(r"(?:\[(\d+)\]|[_/.]?(\d+))\s*(?:[._/]\w+)?\s*$")
 
 
@@ -88,8 +89,9 @@ def suggest(
     tap = next((tap for tap in plant.sensors if tap.name == named), None)
     if tap is not None:
         return Suggestion(at=tap.name, kind=tap.kind, is_input=False)
-    is_actuator = is_input is None and column in [tap.name for tap in plant.actuators]
-    return Suggestion(at=column, kind="command", is_input=True) if is_actuator and kind in ("", "position") else None
+    own = _OUTER.sub("", column)  # an entry of a nested log
+    is_actuator = is_input is None and own in [tap.name for tap in plant.actuators]
+    return Suggestion(at=own, kind="command", is_input=True) if is_actuator and kind in ("", "position") else None
 
 
 def joints_of(plant: Plant) -> list[str]:

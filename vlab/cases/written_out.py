@@ -65,6 +65,40 @@ class WrittenOut:
         )
 
 
+def labels_of(raw: Mapping[str, Any]) -> dict[str, str]:
+    """Return the recordings and channels of a case file in the user's words.
+
+    Parameters
+    ----------
+    raw : mapping
+        Parsed case file.
+
+    Returns
+    -------
+    dict of str to str
+        File or column by place in the case file; places count from 0.
+    """
+    out: dict[str, str] = {}
+    for i, recording in enumerate(_tables(raw.get("recording"))):
+        file = recording.get("name") or recording.get("file") or recording.get("files")
+        if isinstance(file, str):
+            out[f"recording[{i}]"] = f"recording {i + 1}, {one_line(file)!r}"
+        out |= _columns_of(recording, f"recording[{i}].", f" of {one_line(file)!r}" if isinstance(file, str) else "")
+    return out | _columns_of(raw, "", " of all recordings")
+
+
+def _tables(value: Any) -> list[dict[str, Any]]:
+    return value if _are_tables(value) else []
+
+
+def _columns_of(table: Mapping[str, Any], place: str, rest: str) -> dict[str, str]:
+    return {
+        f"{place}channel[{j}]": f"column {one_line(channel['column'])!r}{rest}"
+        for j, channel in enumerate(_tables(table.get("channel")))
+        if isinstance(channel.get("column"), str)
+    }
+
+
 def check_file(reader: Reader, key: str, file: str, *, allow_outside: bool = False) -> None:
     """Check that a file of a case can be read.
 
@@ -276,10 +310,8 @@ class _Writer:
             return None
         if _FOLDER in one and data is not None:
             known = list(range(min(data.episodes, MOST_UNCHOSEN + 1)))
-        elif str(one["file"]).endswith(".parquet"):
-            known = self.in_file(one["file"], key)
         else:
-            return None
+            known = self.in_file(one["file"], key)
         if len(known) > MOST_UNCHOSEN:
             raise self.reader.fail(
                 key,
@@ -292,7 +324,7 @@ class _Writer:
         return known if len(known) > 1 or _FOLDER in one else None
 
     def in_file(self, file: str, key: str) -> list[int]:
-        """Return the episodes of a Parquet file."""
+        """Return the episodes of a file."""
         try:
             real = (self.folder / file).resolve() if self.allow_outside else path_inside(file, self.folder)
             return episodes_in(real) if real.is_file() else []

@@ -23,7 +23,7 @@ from vlab.files.text import in_line
 
 HEADERS = (
     *("recording", "role", "channel", "recorded rms", "simulated rms", "unit", "correlation", "NRMSE"),
-    *("best delay ms", "left over % now, shifted", "noise rms", "power from Hz", "to Hz"),
+    *("best delay ms", "left over % now, shifted", "noise rms", "sensor step", "power from Hz", "to Hz"),
 )
 PICTURE, DOCUMENT = "check.png", "check.json"
 """Names of the written files."""
@@ -175,10 +175,11 @@ def _row(c: ChannelCheck, log_unit: str | None) -> list[object]:
         None if c.left_now is None or c.left_shifted is None else f"{100 * c.left_now:.3g}, {100 * c.left_shifted:.3g}"
     )
     delay = None if c.delay_s is None else 1e3 * c.delay_s
-    (recorded, simulated, noise), unit = in_log_unit((c.recorded_rms, c.simulated_rms, c.noise), c.unit, log_unit)
+    sizes = (c.recorded_rms, c.simulated_rms, c.noise, c.step)
+    (recorded, simulated, noise, step), unit = in_log_unit(sizes, c.unit, log_unit)
     return [
         *(c.recording, "input" if c.is_input else c.role, c.channel, recorded, simulated, unit),
-        *(c.correlation, c.nrmse, delay, left, noise, c.low_hz, c.high_hz),
+        *(c.correlation, c.nrmse, delay, left, noise, step, c.low_hz, c.high_hz),
     ]
 
 

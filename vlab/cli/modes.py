@@ -18,6 +18,8 @@ from vlab.signals import Array, ModalModel
 from vlab.structure import load_structure
 from vlab.structure.model import Structure
 
+CALLED = {"fe": "FE matrices"}
+"""CALLED: words for a plant whose name in files is that of the FE model; its matrices are integrated in MuJoCo."""
 LEAST_MAC = 0.8
 """LEAST_MAC [1]: MAC below which a plant's mode is no counterpart of the FE model's."""
 
@@ -91,7 +93,7 @@ def run(arguments: argparse.Namespace) -> Outcome:
     ]
     for name, values in alike.items():
         lowest = [f"{check.points[k]} {values[k]:.4f}" for k in values.argsort(kind="stable")[:3]]
-        lines.append(f"{name}: lowest COMAC with the FE model over {len(rows)} modes: {', '.join(lowest)}")
+        lines.append(f"{_called(name)}: lowest COMAC with the FE model over {len(rows)} modes: {', '.join(lowest)}")
     lines += _unmatched(document, arguments.model)
     lines.append("COMAC and figures compare shape with shape; MAC in the table, a shape with its group of close modes")
     if arguments.out:
@@ -114,10 +116,14 @@ def run(arguments: argparse.Namespace) -> Outcome:
     return Outcome(document=document, text="\n".join(lines))
 
 
+def _called(name: str) -> str:
+    return CALLED.get(name, name)
+
+
 def _table(document: dict[str, Any], plants: list[str]) -> tuple[list[str], list[list[Any]]]:
     """Return headers and rows of the frequencies."""
     headers = ["mode", "measured Hz", "published Hz", "FE model Hz"]
-    headers += [text for name in plants for text in (f"MuJoCo {name} Hz", "MAC")] + ["zeta"]
+    headers += [text for name in plants for text in (f"MuJoCo {_called(name)} Hz", "MAC")] + ["zeta"]
     rows = [
         [row["mode"], row["measured_hz"], row["published_hz"], row["fe_hz"]]
         + [value for name in plants for value in (row["plant_hz"][name], row["mac"][name])]
@@ -129,7 +135,7 @@ def _table(document: dict[str, Any], plants: list[str]) -> tuple[list[str], list
 
 def _plant_lines(document: dict[str, Any]) -> list[str]:
     return [
-        f"{name}: {facts['dof']} DOF, step {facts['timestep_s'] * 1e3:g} ms, numerical damping {facts['numerical_damping_ratio']:.1e}, "
+        f"{_called(name)}: {facts['dof']} DOF, step {facts['timestep_s'] * 1e3:g} ms, numerical damping {facts['numerical_damping_ratio']:.1e}, "
         f"{facts['real_time_factor']:.0f} x real time; leaves out: {'; '.join(facts['left_out'])}"
         for name, facts in document["plants"].items()
     ]
@@ -141,7 +147,7 @@ def _unmatched(document: dict[str, Any], model: str) -> list[str]:
     far = [(row["mode"], name) for row in document["modes"] for name in plants if (row["mac"][name] or 0.0) < LEAST_MAC]
     if not far:
         return []
-    named = ", ".join(f"mode {mode} of {name}" for mode, name in far)
+    named = ", ".join(f"mode {mode} of {_called(name)}" for mode, name in far)
     guyan = "; Guyan reduction is the error here, --model full has none" if model == "guyan" else ""
     return [f"no counterpart (MAC below {LEAST_MAC:g}): {named}{guyan}"]
 
@@ -163,14 +169,14 @@ def _figures(
         modes = check.plant_modes(name)
         drawn[f"shapes-{name}"] = (
             to_svg(mode_shapes_figure(structure, fe_modes, modes)),
-            f"Mode shapes, {name} plant.",
+            f"Mode shapes, {_called(name)} plant.",
         )
-        figure = mac_figure(cross_mac[name], rows="FE", columns=f"{name} plant")
-        drawn[f"mac-{name}"] = (to_svg(figure), f"MAC of the FE model and the {name} plant.")
+        figure = mac_figure(cross_mac[name], rows="FE", columns=f"{_called(name)} plant")
+        drawn[f"mac-{name}"] = (to_svg(figure), f"MAC of the FE model and the {_called(name)} plant.")
         for mode in range(1, fe_modes.freq.size + 1):
-            labels = (f"{name} plant", "analytical (FE)")
+            labels = (f"{_called(name)} plant", "analytical (FE)")
             figure = mode_difference_figure(structure, modes, fe_modes, mode, labels=labels)
-            caption = f"Mode {mode}, {name} plant beside FE model."
+            caption = f"Mode {mode}, {_called(name)} plant beside FE model."
             drawn[f"difference-{name}-mode{mode:02d}"] = (to_svg(figure), caption)
     return drawn
 

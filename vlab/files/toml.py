@@ -72,6 +72,7 @@ class Reader:
     def __post_init__(self) -> None:
         self.provenance: dict[str, Provenance] = {}
         self._origins: Mapping[str, str] = {}
+        self._labels: Mapping[str, str] = {}
 
     def parse(self, text: str) -> dict[str, Any]:
         """Parse TOML text, or raise with the faulty line."""
@@ -117,7 +118,20 @@ class Reader:
 
     def fail(self, path: str, message: str) -> VlabError:
         """Return the error for one key."""
-        return self.error(f"{self.file}: {self._in_file(path) or 'top level'}: {message}")
+        place = self._in_file(path)
+        own = [table for table in self._labels if place == table or place.startswith(f"{table}.")]
+        label = f" ({self._labels[max(own, key=len)]})" if own else ""
+        return self.error(f"{self.file}: {place or 'top level'}: {message}{label}")
+
+    def label(self, labels: Mapping[str, str]) -> None:
+        """Name tables in errors as the user knows them.
+
+        Parameters
+        ----------
+        labels : mapping of str to str
+            Words such as ``column 'encoder' of run1.csv`` by place, such as ``recording[0].channel[1]``.
+        """
+        self._labels = labels
 
     def _in_file(self, path: str) -> str:
         """Return a path with the place of its table in the file."""

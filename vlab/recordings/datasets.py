@@ -28,6 +28,8 @@ BAG = "metadata.yaml"
 EPISODE = "episode_index"
 """EPISODE: column with the number of the episode."""
 _MOST_BYTES = 2**24  # of the description
+_NESTED, _TEXT = (".json", ".jsonl", ".ndjson"), (".csv", ".tsv", ".txt")  # kinds of files that may hold episodes
+_HEAD = 2**16  # bytes that hold the names of the columns
 _FIELD = re.compile(r"\{(\w+)(?::0?(\d{1,2})d)?\}")
 
 
@@ -209,12 +211,12 @@ def dataset_above(path: Path, top: Path) -> DataSet | None:
 
 
 def episodes_in(path: Path) -> list[int]:
-    """Return the episodes of a Parquet file.
+    """Return the episodes of a file.
 
     Parameters
     ----------
     path : Path
-        File.
+        Parquet, JSON or CSV file.
 
     Returns
     -------
@@ -226,11 +228,37 @@ def episodes_in(path: Path) -> list[int]:
     BadRecording
         The column is damaged.
     """
+    suffix = path.suffix.lower()
     try:
-        has_episodes = EPISODE in pq.read_schema(path).names
+        if suffix == ".parquet":
+            has_episodes = EPISODE in pq.read_schema(path).names
+        elif suffix in _NESTED:  # runs may stand in any entry
+            has_episodes = EPISODE in open_table(path, blanks=EVERY).names
+        else:
+            with path.open("rb") as stream:
+                has_episodes = suffix in _TEXT and EPISODE.encode() in stream.read(_HEAD)
     except (OSError, ValueError, pa.ArrowException):  # the reader says what is wrong
         return []
-    return [int(number) for number in np.unique(open_table(path, columns=[EPISODE])[EPISODE])] if has_episodes else []
+    return episodes_of(open_table(path, columns=[EPISODE])) if has_episodes else []
+
+
+def episodes_of(table: Table) -> list[int]:
+    """Return the episodes of a table.
+
+    Parameters
+    ----------
+    table : Table
+        Columns of a file.
+
+    Returns
+    -------
+    list of int
+        Numbers in increasing order; empty without a column of episodes.
+    """
+    if EPISODE not in table.names:
+        return []
+    values = table.real(EPISODE)
+    return [int(number) for number in np.unique(values[np.isfinite(values)])]
 
 
 def bag_file(folder: Path) -> str:

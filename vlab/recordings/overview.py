@@ -18,7 +18,7 @@ REPEATED = "time, repeats"
 WORDS = {
     "time": (
         *("time", "timestamp", "stamp", "t", "x_value", "times", "timestamps", "seconds", "secs", "sec"),
-        *("datetime", "date", "clock", "utc"),
+        *("datetime", "date", "clock", "utc", "elapsed"),
     ),
     "temperature": ("temperature", "temp", "temps"),
     "error": ("error", "err", "errors"),
@@ -54,7 +54,18 @@ UNIT_KINDS = {
 }
 """UNIT_KINDS: quantity that a stated unit suggests, where the name suggests none."""
 TURNING = ("rad", "deg", "rpm")
-"""TURNING: units that are names of columns as well."""
+"""TURNING: units of turning that are names of columns as well."""
+TIMES = {
+    "min": "min",
+    "minutes": "min",
+    "ms": "ms",
+    "millis": "ms",
+    "us": "us",
+    "micros": "us",
+    "ns": "ns",
+    "nanos": "ns",
+}
+"""TIMES: units by names of a column of times."""
 TURN = 2.0 * np.pi
 """TURN [rad]: largest angle of a joint that is read as radians; a larger number suggests degrees."""
 _SPLIT = re.compile(r"[^a-zA-Z]+|(?<=[a-z])(?=[A-Z])")
@@ -137,7 +148,9 @@ def kind_of(name: str) -> str:
     str
         Key of `WORDS`.
     """
-    parts = [part.lower() for part in _SPLIT.split(name) if part]
+    if name.lower() in TIMES:
+        return "time"
+    parts = [name.lower(), *(part.lower() for part in _SPLIT.split(name) if part)]
     return next((kind for kind, words in WORDS.items() if set(parts) & set(words)), "")
 
 
@@ -184,13 +197,16 @@ def _of_column(table: Table, name: str) -> ColumnOverview:
 
 def _unit_in_name(name: str) -> str:
     """Return the unit in a name, such as ``force_N`` or ``rpm``."""
+    if name.lower() in TIMES:
+        return TIMES[name.lower()]
     match = _SUFFIX.search(name)
     if match is None:
         return name.lower() if name.lower() in TURNING else ""
     word = match[1]
     is_bracketed = name.rstrip().endswith(("]", ")"))
     is_quantity = word.lower() in sum(WORDS.values(), ()) and word.lower() not in TURNING
-    if not is_bracketed and ((len(word) == 1 and word not in "NVAsm") or is_quantity):
+    is_hours = word == "h" and kind_of(name) == "time"
+    if not is_bracketed and ((len(word) == 1 and word not in "NVAsm" and not is_hours) or is_quantity):
         return ""
     return word if units.same_dimension(word, word) else ""
 

@@ -133,6 +133,29 @@ def _step(values: Array) -> float:
     return float(levels.min()) if levels.size else 0.0
 
 
+def _is_on_grid(values: Array, step: float) -> bool:
+    """Return whether values lie on at least three levels of a grid."""
+    levels = (np.unique(values) - values.min()) / step
+    return bool(levels.size > 2 and np.abs(levels - np.rint(levels)).max() < 0.01)
+
+
+def quantisation_step(values: Array) -> float | None:
+    """Return the step of a sensor's readings.
+
+    Parameters
+    ----------
+    values : (n,) array
+        Readings.
+
+    Returns
+    -------
+    float or None
+        Step [unit of the readings]; None for readings on no grid. The noise of quantisation is ``step / sqrt(12)``.
+    """
+    step = _step(values) if values.size else 0.0
+    return step if step > 0.0 and _is_on_grid(values, step) else None
+
+
 def _drives(channel: Channel) -> bool:
     return channel.is_input or channel.kind in ("command", "excitation")
 
@@ -246,8 +269,7 @@ def _quantisation(recording: Recording, index: int, step: float) -> Iterator[Fin
     size = float(values.std())
     if step <= COARSE * size:
         return
-    levels = (np.unique(values) - values.min()) / step
-    if levels.size > 2 and np.abs(levels - np.rint(levels)).max() < 0.01:
+    if _is_on_grid(values, step):
         share = f"{100 * step / size:.2g} % of its standard deviation"
         text = f"{channel.name} moves in steps of {step:.4g} {channel.unit}, {share}"
         is_coarse = step > 0.3 * size and not _drives(channel)  # a stepped command is intended

@@ -1,7 +1,8 @@
 """Time stamps as text, in seconds from a first stamp.
 
-Stamps are ISO 8601 dates with time, or clock times. `datetime.datetime.fromisoformat` parses the whole seconds. Decimals
-count as integer nanoseconds, so no stamp is rounded before the first one is subtracted.
+Stamps are ISO 8601 dates with time, dates such as 2025/03/01 or 01.03.2025 with time, or clock times.
+`datetime.datetime.fromisoformat` parses the whole seconds. Decimals count as integer nanoseconds, so no stamp is rounded
+before the first one is subtracted.
 """
 
 import datetime
@@ -15,8 +16,11 @@ from vlab.recordings.workers.rows import LONGEST_STAMP
 from vlab.signals import Array
 
 _STAMP = re.compile(
-    r"(?:(\d{4}-\d{2}-\d{2})[T ])?(\d{1,2}:\d{2}:\d{2})(?:[.,](\d{1,12}))?\s?(Z|[+-]\d{2}:?\d{2})?", re.ASCII
+    r"(?:(\d{4}[-/]\d{1,2}[-/]\d{1,2}|\d{1,2}\.\d{1,2}\.\d{4}|\d{8}(?=T))[T ])?"
+    r"(\d{1,2}:\d{2}:\d{2}|(?<=T)\d{6})(?:[.,](\d{1,12})|:(\d{3}|\d{6}))?(?: ?([AaPp][Mm]))?\s?(Z|[+-]\d{2}:?\d{2})?",
+    re.ASCII,
 )
+_TIMELIKE = re.compile(r"[\d./-]*[T ]?\d{1,2}:\d{2}(?::\d{2})?[\d.,:]*(?: ?[AaPp][Mm])?|\d{4}-\d{2}-\d{2}", re.ASCII)
 _SECOND = 10**9
 _DAY = 86_400 * _SECOND
 FORM = "ISO 8601 (2025-03-01T10:00:00.250) or clock time (10:00:00.250)"
@@ -66,6 +70,19 @@ def is_stamp(text: str) -> bool:
     return text[:1].isdigit() and len(text) <= LONGEST_STAMP and _STAMP.fullmatch(text) is not None
 
 
+def is_timelike(text: str) -> bool:
+    """Return whether a text looks like a time that is no accepted stamp.
+
+    A date of month and day in any order is ambiguous, and minutes with seconds are, too.
+
+    Parameters
+    ----------
+    text : str
+        Text without blanks around.
+    """
+    return len(text) <= LONGEST_STAMP and not is_stamp(text) and _TIMELIKE.fullmatch(text) is not None
+
+
 def read_stamp(text: str) -> Stamp | None:
     """Return a text as a time stamp.
 
@@ -82,14 +99,33 @@ def read_stamp(text: str) -> Stamp | None:
     match = _STAMP.fullmatch(text) if len(text) <= LONGEST_STAMP else None
     if match is None:
         return None
-    date, clock, decimals, offset = match.groups()
+    date, clock, decimals, millis, half, offset = match.groups()
+    decimals = decimals or millis
+    if ":" not in clock:
+        clock = f"{clock[:2]}:{clock[2:4]}:{clock[4:]}"
+    hour, _, rest = clock.partition(":")
+    if half:
+        if not 1 <= int(hour) <= 12:
+            return None
+        hour = str(int(hour) % 12 + (12 if half.lower() == "pm" else 0))
     try:
-        whole = datetime.datetime.fromisoformat(f"{date or '2000-01-01'}T{clock.zfill(8)}{offset or ''}")
+        whole = datetime.datetime.fromisoformat(f"{_iso_date(date)}T{hour.zfill(2)}:{rest}{offset or ''}")
     except ValueError:
         return None
     start = datetime.datetime(2000, 1, 1, tzinfo=datetime.UTC if offset else None)
     seconds = (whole - start) // datetime.timedelta(seconds=1)
     return Stamp(seconds * _SECOND + int(f"{decimals or '':0<9}"[:9]), date is not None, offset is not None)
+
+
+def _iso_date(date: str | None) -> str:
+    """Return a date as year, month and day between hyphens."""
+    if date is None:
+        return "2000-01-01"
+    if date.isdecimal():
+        return f"{date[:4]}-{date[4:6]}-{date[6:]}"
+    parts = re.split(r"[-/.]", date)
+    year, month, day = reversed(parts) if "." in date else parts
+    return f"{year}-{month.zfill(2)}-{day.zfill(2)}"
 
 
 def first_stamp(texts: Iterable[str | None], like: str) -> Stamp | None:

@@ -23,6 +23,7 @@ MARGIN = 0.1
 FAR = 1.0
 """FAR [1]: distance of a servo's command beyond the range of its joint, as a share of the span, that is reported in any
 unit; raising it lets commands into a stop pass. A command somewhat beyond presses the joint against its stop."""
+_UNITS = {int(mujoco.mjtJoint.mjJNT_HINGE): "rad", int(mujoco.mjtJoint.mjJNT_SLIDE): "m"}
 OTHER = {"rad": "deg", "deg": "rad"}
 """OTHER: unit that an angle may be mistaken for."""
 
@@ -61,7 +62,8 @@ def _in_other_unit(case: Case, name: str, column: Column, values: Array) -> Foun
     limits = limits_of(case.plant, table.at, table.kind, is_input=table.input)
     if other is None or limits is None or (table.scale is not None and not is_bare):
         return None
-    if is_bare and not _is_servo(case.plant.model, _actuator(case.plant.model, table.at)):
+    is_turning = _unit_of(case.plant, table.at) == "rad"
+    if is_bare and not (is_turning and _is_servo(case.plant.model, _actuator(case.plant.model, table.at))):
         return None
     # the channel of a free kind keeps the stated unit; the model's own is the radian
     values = values * (units.factor(unit, "rad") / column.factor)
@@ -117,7 +119,7 @@ def is_inside(values: Array, limits: tuple[float, float], *, margin: float = MAR
 
 
 def limits_of(plant: Plant, at: str, kind: str, *, is_input: bool) -> tuple[float, float] | None:
-    """Return the range of a hinge or its position servo [rad].
+    """Return the range of a joint or its position servo [rad or m].
 
     The commands of a position servo without a range reach beyond its joint by `FAR`.
 
@@ -138,19 +140,20 @@ def limits_of(plant: Plant, at: str, kind: str, *, is_input: bool) -> tuple[floa
         None for an unlimited or any other place.
     """
     model = plant.model
-    hinge = int(mujoco.mjtJoint.mjJNT_HINGE)
     if is_input:
         i = _actuator(model, at)
         joint = None if i is None else _joint_of(model, i)
-        if i is None or joint is None or KIND_UNITS[kind] not in (None, "rad") or int(model.jnt_type[joint]) != hinge:
+        if i is None or joint is None or KIND_UNITS[kind] not in (None, _UNITS.get(int(model.jnt_type[joint]))):
+            return None
+        if int(model.jnt_type[joint]) not in _UNITS:
             return None
         if not model.actuator_ctrllimited[i]:
             reach = _servo_range(plant, at)
             room = 0.0 if reach is None else FAR * (reach[1] - reach[0])
             return None if reach is None else (reach[0] - room, reach[1] + room)
         return float(model.actuator_ctrlrange[i, 0]), float(model.actuator_ctrlrange[i, 1])
-    number = _joint(model, at) if kind == "angle" else None
-    if number is None or int(model.jnt_type[number]) != hinge or not model.jnt_limited[number]:
+    number = _joint(model, at) if kind in ("angle", "displacement") else None
+    if number is None or _UNITS.get(int(model.jnt_type[number])) != KIND_UNITS[kind] or not model.jnt_limited[number]:
         return None
     return float(model.jnt_range[number, 0]), float(model.jnt_range[number, 1])
 
@@ -196,8 +199,7 @@ def _unit_of(plant: Plant, at: str) -> str:
     """Return the unit of the joint of an actuator."""
     i = _actuator(plant.model, at)
     joint = None if i is None else _joint_of(plant.model, i)
-    is_slide = joint is not None and int(plant.model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
-    return "m" if is_slide else "rad"
+    return "rad" if joint is None else _UNITS.get(int(plant.model.jnt_type[joint]), "rad")
 
 
 def _joint(model: Any, at: str) -> int | None:

@@ -11,7 +11,7 @@ from vlab import units
 from vlab.cases.channel_map import FAR_S
 from vlab.errors import BadCase, BadRecording, unknown_name
 from vlab.files.text import one_line
-from vlab.recordings.datasets import EPISODE, episodes_in, open_any, read_dataset
+from vlab.recordings.datasets import EPISODE, episodes_of, open_any, read_dataset
 from vlab.recordings.overview import REPEATED, ColumnOverview, kind_of, overview
 from vlab.recordings.selection import parse_where, select_rows
 from vlab.recordings.table import MOST_LISTED, READERS, Table
@@ -133,11 +133,7 @@ def open_log(path: Path) -> Log:
         )
     table, labels = open_any(path)
     data = read_dataset(path) if path.is_dir() else None
-    numbers: Sequence[int] = ()
-    if data is not None:
-        numbers = range(data.episodes)
-    elif table.path.suffix == ".parquet":
-        numbers = episodes_in(table.path)
+    numbers: Sequence[int] = range(data.episodes) if data is not None else episodes_of(table)
     if EPISODE in table.names and len(numbers) > 0:
         table = select_rows(table, parse_where(f"{EPISODE} == {numbers[0]}"))
     return Log(path=path, table=table, columns=overview(table), labels=labels, episodes=tuple(numbers))

@@ -13,8 +13,9 @@ import numpy as np
 
 from vlab import units
 from vlab.cases.case import read_run
+from vlab.cases.channel_map import Run
 from vlab.cases.checks.beside import UNEXPLAINED, first_seconds
-from vlab.cases.checks.ranges import is_inside, limits_of
+from vlab.cases.checks.ranges import MARGIN, is_inside, limits_of
 from vlab.cases.description import ChannelTable, RecordingTable
 from vlab.cases.draft.logs import Log, LogClock
 from vlab.cases.draft.matching import Match, unit_of
@@ -22,7 +23,7 @@ from vlab.cases.simulate import simulate
 from vlab.errors import VlabError
 from vlab.plants.base import Plant
 from vlab.recordings.overview import TURN
-from vlab.signals import Array
+from vlab.signals import Array, Recording
 
 CANDIDATES = {
     "rad": ("rad", "deg"),
@@ -42,6 +43,9 @@ CONFIRMED = 0.1
 CLEARLY = 0.5
 """CLEARLY [1]: largest residual share of a choice over that of every other choice. A unit mistake changes a share by
 far more; a tie of linear models stays near 1."""
+
+HALFWAY = 30.0
+"""HALFWAY [1]: motion of a log in metres over that of the model, halfway from metres to millimetres."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +104,7 @@ def choose_units(log: Log, clock: LogClock, plant: Plant, used: Sequence[Match])
             g for g in groups if g.si == group.si and g not in said and g not in tried
         ]  # their sizes belong together
         all_alike = [out[i] for g in alike for i in groups[g]]
-        unit, why = said.get(group) or tried.get(group) or _by_size(log, plant, group.si, all_alike, said)
+        unit, why = said.get(group) or tried.get(group) or _by_size(log, clock, plant, group.si, out, all_alike, said)
         for i in members:
             out[i] = replace(out[i], unit=unit, why_unit=why, is_unit_sure=sure)
     return tuple(out)
@@ -185,6 +189,21 @@ def residual_share(log: Log, clock: LogClock, plant: Plant, matches: Sequence[Ma
     float
         Mean over the channels, at most 1; 1 where the model cannot follow.
     """
+    both = _beside(log, clock, plant, matches)
+    if both is None:
+        return 1.0
+    run, own = both
+    shares = []
+    for name in (c.channel for c in run.compared):
+        read = run.measured.is_read(name)
+        y, error = run.measured[name][read], (own[name] - run.measured[name])[read]
+        if y.size and np.ptp(y) > 0.0:
+            shares.append(min(1.0, float(np.mean(error**2) / np.var(y))))
+    return float(np.mean(shares)) if shares else 1.0
+
+
+def _beside(log: Log, clock: LogClock, plant: Plant, matches: Sequence[Match]) -> tuple[Run, Recording] | None:
+    """Return the first seconds of a log and of the model, if simulated."""
     table = RecordingTable(
         file=log.path.name,
         role="fit",
@@ -196,16 +215,9 @@ def residual_share(log: Log, clock: LogClock, plant: Plant, matches: Sequence[Ma
     try:
         run = first_seconds(plant, read_run(plant, "draft", table, log.table), STEPS_TRIED)
         with np.errstate(all="ignore"):
-            own = simulate(plant, run).recording
+            return run, simulate(plant, run).recording
     except VlabError:
-        return 1.0
-    shares = []
-    for name in (c.channel for c in run.compared):
-        read = run.measured.is_read(name)
-        y, error = run.measured[name][read], (own[name] - run.measured[name])[read]
-        if y.size and np.ptp(y) > 0.0:
-            shares.append(min(1.0, float(np.mean(error**2) / np.var(y))))
-    return float(np.mean(shares)) if shares else 1.0
+        return None
 
 
 def percent(share: float) -> str:
@@ -225,7 +237,13 @@ def channel_keys(match: Match) -> dict[str, Any]:
 
 
 def _by_size(
-    log: Log, plant: Plant, si: str, members: Sequence[Match], said: Mapping[Group, tuple[str, str]]
+    log: Log,
+    clock: LogClock,
+    plant: Plant,
+    si: str,
+    matches: Sequence[Match],
+    members: Sequence[Match],
+    said: Mapping[Group, tuple[str, str]],
 ) -> tuple[str, str]:
     """Return the unit that the size of the values suggests."""
     largest = max(float(np.abs(_values(log, m)).max(initial=0.0)) for m in members)
@@ -234,11 +252,43 @@ def _by_size(
             return "deg", f"values up to {largest:.4g} are more than a turn in rad"
         return "rad", f"values up to {largest:.4g} are less than a turn in rad"
     if si == "m":
-        extent = float(plant.model.stat.extent)
-        if largest > extent:
-            return "mm", f"values up to {largest:.4g} are more than the model's size of {extent:.3g} m"
-        return "m", f"values up to {largest:.4g} are less than the model's size of {extent:.3g} m"
+        return _metres(log, clock, plant, matches, members, largest)
     is_in_degrees = any(unit == "deg" for unit, _ in said.values())
     if si.startswith("rad/") and is_in_degrees:
         return si.replace("rad", "deg"), "the angles of the log are in degrees"
     return si, "the SI unit"
+
+
+def _metres(
+    log: Log, clock: LogClock, plant: Plant, matches: Sequence[Match], members: Sequence[Match], largest: float
+) -> tuple[str, str]:
+    """Return metres or millimetres, with the reason."""
+    limits = [(m, limits_of(plant, m.at, m.kind, is_input=m.is_input)) for m in members]
+    known = [(m, found) for m, found in limits if found is not None]
+    if known:
+        shares = [float(np.ptp(_values(log, m))) / (found[1] - found[0]) for m, found in known]
+        if max(shares) <= 1.0 + MARGIN:
+            return "m", f"the values take {percent(max(shares))} of the joint's range in m; in mm they fit, too"
+        return "mm", f"the values take {percent(1e-3 * max(shares))} of the joint's range in mm, and more than all in m"
+    extent = float(plant.model.stat.extent)
+    if largest <= extent:
+        return "m", f"values up to {largest:.4g} are less than the model's size of {extent:.3g} m"
+    beyond = f"values up to {largest:.4g} are more than the model's size of {extent:.3g} m"
+    size = _size_beside_model(log, clock, plant, matches, members)
+    if size is None or size > HALFWAY:
+        return "mm", beyond
+    return "m", f"{beyond}, and the motion in m is {size:.2g} times that of the model; in mm they fit, too"
+
+
+def _size_beside_model(
+    log: Log, clock: LogClock, plant: Plant, matches: Sequence[Match], members: Sequence[Match]
+) -> float | None:
+    """Return the largest motion in SI units over that of the model."""
+    tried = [m if m.unit else replace(m, unit=unit_of(plant, m)) for m in matches]
+    both = _beside(log, clock, plant, tried)
+    if both is None:
+        return None
+    run, own = both
+    recorded = {m.at: float(np.std(_values(log, m))) for m in members if not m.is_input}
+    sizes = {name: float(np.std(own[name])) for name in recorded if name in {c.channel for c in run.compared}}
+    return max((recorded[name] / size for name, size in sizes.items() if 0.0 < size < np.inf), default=None)

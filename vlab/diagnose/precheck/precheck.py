@@ -24,7 +24,7 @@ from vlab.diagnose.precheck.responses import band_of_power, has_responses_alone,
 from vlab.diagnose.precheck.result import ChannelCheck, Precheck, Remark, remarks_of_file, worst_first
 from vlab.diagnose.settings import PRECHECK
 from vlab.errors import Diverged
-from vlab.recordings.quality import findings
+from vlab.recordings.quality import findings, quantisation_step
 from vlab.signals import Array
 
 
@@ -81,7 +81,7 @@ def precheck_case(
         title=case.table.title,
         comparison=comparison,
         channels=tuple(channels),
-        remarks=worst_first(remarks),
+        remarks=worst_first(list({remark.what: remark for remark in remarks}.values())),
         refused=tuple(dict.fromkeys(refused)),
         seconds_expected=None if refused else expected_seconds(case, runs, simulated_s),
     )
@@ -117,6 +117,8 @@ def _channels(compared: RunComparison) -> list[ChannelCheck]:
         m, name = misfits[c.channel], c.channel
         moved = shift(measured.time, measured[name], compared.simulated[name])
         noise = estimate_noise(run, name)
+        step = quantisation_step(measured[name][measured.is_read(name)])
+        of_step = 0.0 if step is None else step / np.sqrt(12.0)
         rms = _rms(measured[name][measured.is_read(name)])
         low, high = power_band(measured.time, measured[name])
         out.append(
@@ -136,8 +138,9 @@ def _channels(compared: RunComparison) -> list[ChannelCheck]:
                 period_s=period,
                 low_hz=low,
                 high_hz=high,
-                noise=noise.rms,
-                noise_source=noise.words,
+                noise=max(noise.rms, of_step),
+                noise_source=noise.words if noise.rms >= of_step else "from the steps of the readings",
+                step=step,
             )
         )
     return out

@@ -35,9 +35,11 @@ class ChannelCheck:
     low_hz, high_hz : float or None
         Band that holds most of the power about the mean, or of the squared response [Hz].
     noise : float or None
-        Rms of the noise [unit]; None for an input.
+        Rms of the noise [unit], at least that of the sensor's step; None for an input.
     noise_source : str
         How the noise was obtained.
+    step : float or None
+        Step of the sensor's readings [unit]; None for readings on no grid.
     """
 
     recording: str
@@ -57,6 +59,7 @@ class ChannelCheck:
     high_hz: float | None = None
     noise: float | None = None
     noise_source: str = ""
+    step: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,8 @@ from vlab.recordings.files import refuse
 
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _COMPLEX = re.compile(rf"(?:([+-]?{_NUMBER})\s*(\+-|[+-])\s*({_NUMBER})|([+-]?{_NUMBER}))\s*\*?\s*[ijIJ]", re.ASCII)
+DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+"""DECIMAL_COMMA: number with a decimal comma."""
 _LONGEST_CELL = 100  # a double has at most 24 characters, a complex number of two doubles 50
 
 
@@ -75,3 +77,21 @@ def parse_number(cell: str) -> complex | None:
     return (
         complex(0.0, float(only)) if only else complex(float(real), float(imaginary) * (-1.0 if "-" in sign else 1.0))
     )
+
+
+def is_number(cell: str, delimiter: str) -> bool:
+    """Return whether a cell holds a number.
+
+    Parameters
+    ----------
+    cell : str
+        Stripped text of a cell.
+    delimiter : str
+        Delimiter of the line; a decimal comma stands between other delimiters only.
+
+    Returns
+    -------
+    bool
+        True for a real or complex number.
+    """
+    return parse_number(cell) is not None or (delimiter != "," and DECIMAL_COMMA.fullmatch(cell) is not None)

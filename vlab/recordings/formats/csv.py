@@ -1,8 +1,8 @@
-"""CSV recordings: strict reader, and vlab's own labelled form.
+"""Text recordings: strict reader, and vlab's own labelled form.
 
-A file has optional title lines, one header line with names, an optional line of units, and then numbers only. Lines
-starting with ``#`` are comments. A column may hold time stamps as text. A name may end with its unit in brackets. Between semicolons or tabs a comma is a
-decimal sign if no number has a point.
+A file has optional title lines and comments, one header line with names, an optional line of units, and then numbers only.
+Commas, semicolons, tabs, bars or blanks separate the cells. A column may hold time stamps as text. A name may end with its
+unit in brackets. Between other delimiters than commas a comma is a decimal sign if no number has a point.
 
 pyarrow reads an ordinary file fast. A file that pyarrow refuses is read again line by line; the slow reader accepts
 complex numbers and locates the fault.
@@ -11,9 +11,8 @@ complex numbers and locates the fault.
 import math
 import re
 from array import array
-from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,50 +22,25 @@ import pyarrow.compute
 import pyarrow.csv
 from numpy.typing import NDArray
 
-from vlab import units as known_units
 from vlab.errors import BadRecording
 from vlab.recordings.files import refuse
-from vlab.recordings.formats.cells import cut_line, parse_number
+from vlab.recordings.formats.blanks import tabbed
+from vlab.recordings.formats.cells import DECIMAL_COMMA, cut_line, parse_number
+from vlab.recordings.formats.csv_head import Layout, check_names, layout_of, stated_units
 from vlab.recordings.formats.csv_labels import SIGNATURE, read_labels
+from vlab.recordings.formats.list_cells import expanded
 from vlab.recordings.formats.text_stamps import lines_of, read_stamps
-from vlab.recordings.stamps import is_stamp
+from vlab.recordings.stamps import FORM, is_stamp, is_timelike
 from vlab.recordings.table import (
     EVERY,
-    MAX_COLUMNS,
     Table,
     unknown_column,
 )
 
-_LONGEST_PREAMBLE = 2 * MAX_COLUMNS
-_MOST_TITLES = 100
 BLANK_WORDS = ["", "NaN", "nan", "NAN", "NA", "N/A", "null", "NULL", "None"]
 """BLANK_WORDS: contents of a cell without a reading."""
+_LOOKED_AT = 2**16  # bytes that show the line ends
 _BRACKETED = re.compile(r".*\S\s*[\[(]([^\[\]()]+)[\])]")
-_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Layout:
-    """Start of the numbers and form of the lines."""
-
-    path: Path
-    delimiter: str
-    names: tuple[str, ...]
-    width: int  # cells of a line; one more than names if every line ends with a delimiter
-    keep: tuple[int, ...]  # columns to read
-    offset: int  # byte offset of the first line of numbers
-    line: int  # line number, from 1
-    comments: tuple[str, ...]
-    units: tuple[str, ...] = ()  # units by column, from a line of their own
-    titles: int = 0  # lines before the header
-    blank: frozenset[int] = frozenset()  # columns that may have blank cells
-    stamps: Mapping[int, str] = field(default_factory=dict)  # columns of time stamps, with the first one
-
-    def fail(self, line: int, what: str, *, fix: str = "") -> BadRecording:
-        return refuse(self.path, f"line {line}: {what}", fix=fix)
-
-    def column(self, index: int) -> str:
-        return f"column {index + 1} ({self.names[index]!r})" if index < len(self.names) else f"column {index + 1}"
 
 
 def read(
@@ -102,24 +76,24 @@ def read(
     BadRecording
         The file is damaged, truncated or not numeric.
     """
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in data[:4096]:
-        raise refuse(path, "not a UTF-8 text file", fix="export it as plain CSV text")
-    layout = _layout(data, path, names, is_lenient=bool(blanks))
+    data, notes = _plain_text(data, path)
+    layout = layout_of(data, path, names, is_lenient=bool(blanks))
+    data, repeated = _without_repeats(data, layout)
+    notes = (*notes, *layout.notes, *repeated)
     is_ours = names is None and bool(layout.comments) and layout.comments[0].startswith(SIGNATURE)
     labels = read_labels(layout.comments, layout.names, path) if is_ours else None
     if labels is not None:
         layout = replace(layout, names=("time", *(channel.name for channel in labels.channels)))
-        _check_names(layout.names, len(layout.names), path)
+        check_names(layout.names, path)
     for name in columns or ():
         if name not in layout.names:
             raise unknown_column(name, layout.names, path)
     if columns is not None:
         layout = replace(layout, keep=tuple(i for i in layout.keep if layout.names[i] in columns))
     layout = replace(layout, blank=frozenset(i for i in layout.keep if layout.names[i] in blanks))
-    notes: tuple[str, ...] = ()
     if _has_decimal_commas(data, layout):
         body = data[layout.offset :].replace(b",", b".")
-        data, notes = data[: layout.offset] + body, ("commas are read as decimal signs",)
+        data, notes = data[: layout.offset] + body, (*notes, "commas are read as decimal signs")
     if blanks is EVERY and labels is None:
         return _each(data, layout, notes)
     values = _values(data, layout)
@@ -144,7 +118,42 @@ def read(
     )
 
 
-def _each(data: bytes, layout: _Layout, notes: tuple[str, ...]) -> Table:
+def _plain_text(data: bytes, path: Path) -> tuple[bytes, tuple[str, ...]]:
+    """Return a file as UTF-8 text with tabs in place of blanks, and remarks."""
+    notes: tuple[str, ...] = ()
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        try:
+            data, notes = data.decode("utf-16").encode(), ("UTF-16 text",)
+        except UnicodeDecodeError as error:
+            raise refuse(path, f"not UTF-16 text: {error}", fix="export it as UTF-8 text") from error
+    if b"\0" in data[:4096]:
+        raise refuse(path, "not a UTF-8 text file", fix="export it as plain CSV text")
+    if b"\r" in data[:_LOOKED_AT] and b"\n" not in data[:_LOOKED_AT]:
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    data, expansions = expanded(data, path)
+    return tabbed(data), (*notes, *expansions)
+
+
+def _without_repeats(data: bytes, layout: Layout) -> tuple[bytes, tuple[str, ...]]:
+    """Return the file with comments in place of repeated headers, and remarks."""
+    header = {line.encode() for line in layout.header}
+    if not any(data.find(b"\n" + line, layout.offset) >= 0 for line in header):
+        return data, ()
+    out, blank, count, is_header = [data[: layout.offset]], list[bytes](), 0, False
+    for _, raw in lines_of(data, layout.path, layout.offset):
+        bare = raw.strip()
+        if not bare:
+            blank.append(raw)
+            continue
+        was_header, is_header = is_header, bare in header
+        out += [b"#\n"] * len(blank) if was_header or is_header else blank
+        out.append(b"#\n" if is_header else raw)
+        blank, count = [], count + (is_header and not was_header)
+    notes = (f"the header is repeated {count} time{'s' if count > 1 else ''} between the numbers",) if count else ()
+    return b"".join([*out, *blank]), notes
+
+
+def _each(data: bytes, layout: Layout, notes: tuple[str, ...]) -> Table:
     """Return the columns of numbers, and the others' reasons."""
     found: dict[str, NDArray[Any]] = {}
     refused: dict[str, str] = {}
@@ -168,145 +177,26 @@ def _each(data: bytes, layout: _Layout, notes: tuple[str, ...]) -> Table:
     )
 
 
-# ---------------------------------------------------------------------------------------------- the shape of a file
-
-
-def _layout(data: bytes, path: Path, names: Sequence[str] | None, *, is_lenient: bool = False) -> _Layout:
-    """Find comments, delimiter, header and first numbers.
-
-    A lenient search takes blank cells beside numbers for numbers.
-    """
-    comments, content = [], []
-    for number, (offset, raw) in enumerate(lines_of(data, path), start=1):
-        if number > _LONGEST_PREAMBLE:
-            raise refuse(path, f"no numbers in the first {_LONGEST_PREAMBLE} lines", fix="check what was exported")
-        try:
-            text = raw.decode("utf-8-sig" if number == 1 else "utf-8").strip("\r\n")
-        except UnicodeDecodeError as error:
-            raise refuse(path, f"line {number} is not UTF-8 text: {error}", fix="export it as UTF-8 text") from error
-        if text.lstrip().startswith("#"):
-            comments.append(text.strip()[1:].strip())
-        elif text.strip(" \t"):
-            content.append((number, offset, text))
-            if len(content) == _MOST_TITLES or _is_all_numbers(text, is_lenient=is_lenient):
-                break
-    if not content:
-        raise refuse(path, "no numbers in the file", fix="check what was exported")
-    titles, units = _above_numbers(content, is_lenient=is_lenient)
-    content = content[titles:]
-    delimiter = _delimiter(content[min(1, len(content) - 1)][2])
-    number, offset, text = content[0]
-    cells = cut_line(text, delimiter, path, number)
-    width, trailing = len(cells), len(cells) > 1 and not cells[-1]
-    cells = cells[:-1] if trailing else cells
-    numeric = [_is_number(cell, delimiter) for cell in cells]
-    stamps = {i: cell for i, cell in enumerate(cells) if is_stamp(cell)}
-    fits = [is_one or i in stamps or (is_lenient and not cells[i]) for i, is_one in enumerate(numeric)]
-    if any(numeric) and not all(fits):
-        bad = cells[fits.index(False)]
-        raise refuse(
-            path,
-            f"line {number} is neither a header nor numbers: {bad!r} beside numbers",
-            fix="give every column a name that is not a number",
-        )
-    if not any(numeric):
-        if len(content) < 2:
-            raise refuse(
-                path,
-                f"a header in line {number} and no numbers after it",
-                fix="the file is truncated or the export was empty",
-            )
-        header = cells
-        number, offset, text = content[2 if units else 1]
-        stamps = {i: cell for i, cell in enumerate(cut_line(text, delimiter, path, number)) if is_stamp(cell)}
-    else:
-        header = _commented_names(comments, delimiter, len(cells)) or [f"c{i + 1}" for i in range(len(cells))]
-    chosen = tuple(header if names is None else names)
-    _check_names(chosen, len(cells), path)
-    keep = tuple(range(len(chosen)))
-    return _Layout(
-        path=path,
-        delimiter=delimiter,
-        names=chosen,
-        width=width,
-        keep=keep,
-        offset=offset,
-        line=number,
-        comments=tuple(comments),
-        units=units[: len(chosen)],
-        titles=titles,
-        stamps=stamps,
-    )
-
-
-def _delimiter(text: str) -> str:
-    return next((sign for sign in ";\t," if sign in text), ",")
-
-
-def _cells(text: str, delimiter: str) -> list[str]:
-    """Return the cells of a line of unknown layout.
-
-    A delimiter at the end of the line ends the last cell.
-    """
-    cells = [cell.strip() for cell in text.split(delimiter)]
-    return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
-
-
-def _is_all_numbers(text: str, *, is_lenient: bool) -> bool:
-    delimiter = _delimiter(text)
-    cells = _cells(text, delimiter)
-    fits = [_is_number(c, delimiter) or is_stamp(c.strip('"')) or (is_lenient and not c) for c in cells]
-    return all(fits) and any(_is_number(cell, delimiter) for cell in cells)  # a stamp alone is a title
-
-
-def _above_numbers(content: list[tuple[int, int, str]], *, is_lenient: bool) -> tuple[int, tuple[str, ...]]:
-    """Return the number of title lines and the units.
-
-    The header follows the titles and has as many names as a line has numbers. The units, if any, are on the line after
-    the header.
-    """
-    text = content[-1][2]
-    if len(content) < 3 or not _is_all_numbers(text, is_lenient=is_lenient):
-        return 0, ()
-    delimiter = _delimiter(text)
-    count = len(_cells(text, delimiter))
-    above = [_cells(line, delimiter) for _, _, line in content[:-1]]
-    if is_lenient and len(above[-1]) == text.count(delimiter) + 1:
-        count = len(above[-1])  # the last cell is blank, and no delimiter too many
-    if len(above[-1]) != count or any(_is_number(cell, delimiter) for cell in above[-1]):
-        return 0, ()  # no header fits: the message refers to the first lines
-    is_units = len(above[-2]) == count and all(_is_unit(cell) for cell in above[-1])
-    return len(above) - (2 if is_units else 1), tuple(above[-1]) if is_units else ()
-
-
-def _is_unit(cell: str) -> bool:
-    bare = cell.strip("[]() ")
-    return bare in ("", "-") or known_units.same_dimension(bare, bare)
-
-
-def _is_number(cell: str, delimiter: str) -> bool:
-    return parse_number(cell) is not None or (delimiter != "," and bool(_DECIMAL_COMMA.fullmatch(cell)))
-
-
-def _stated_units(layout: _Layout) -> dict[str, str]:
+def _stated_units(layout: Layout) -> dict[str, str]:
     """Return the units in the file, by column.
 
     The units are on a line of their own, or in brackets behind the names.
     """
     seconds = {layout.names[i]: "s" for i in layout.keep if i in layout.stamps}
     if layout.units:
-        return {layout.names[i]: layout.units[i].strip("[]() ") for i in layout.keep} | seconds
+        return stated_units(layout, {i: layout.names[i] for i in layout.keep}) | seconds
     found = {layout.names[i]: _BRACKETED.fullmatch(layout.names[i].strip()) for i in layout.keep}
-    return {name: match[1].strip() for name, match in found.items() if match is not None} | seconds
+    stated = {name: match[1].strip() for name, match in found.items() if match is not None}
+    return {name: unit for name, unit in stated.items() if not unit.isdecimal()} | seconds  # q[0] is an element
 
 
-def _on_stamps(layout: _Layout) -> list[str]:
+def _on_stamps(layout: Layout) -> list[str]:
     """Return remarks on columns of time stamps."""
     read = [i for i in layout.keep if i in layout.stamps]
     return [f"{layout.names[i]}: time stamps from {layout.stamps[i]} on are read in seconds" for i in read]
 
 
-def _has_decimal_commas(data: bytes, layout: _Layout) -> bool:
+def _has_decimal_commas(data: bytes, layout: Layout) -> bool:
     """Return whether numbers use decimal commas.
 
     The first line of numbers must contain commas, no point, and another delimiter.
@@ -317,40 +207,13 @@ def _has_decimal_commas(data: bytes, layout: _Layout) -> bool:
     text = data[layout.offset : end if end >= 0 else len(data)].decode("utf-8", errors="replace")
     cells = [cell.strip() for cell in text.split(layout.delimiter)]
     cells = [cell for cell in cells if not is_stamp(cell.strip('"'))]
-    return "." not in "".join(cells) and any(_DECIMAL_COMMA.fullmatch(cell) for cell in cells)
-
-
-def _commented_names(comments: list[str], delimiter: str, n_columns: int) -> list[str]:
-    """Return the names in the last comment before the numbers.
-
-    numpy.savetxt writes names in such a comment.
-    """
-    cells = [cell.strip() for cell in comments[-1].split(delimiter)] if comments else []
-    fits = (
-        1 < len(cells) == n_columns == len(set(cells))
-        and all(cells)
-        and all(parse_number(cell) is None for cell in cells)
-    )
-    return cells if fits else []
-
-
-def _check_names(names: tuple[str, ...], n_columns: int, path: Path) -> None:
-    if len(names) != n_columns:
-        raise refuse(path, f"{len(names)} names were given for {n_columns} columns")
-    if n_columns > MAX_COLUMNS:
-        raise refuse(
-            path, f"{n_columns} columns; at most {MAX_COLUMNS} are read", fix="check the delimiter and the line ends"
-        )
-    for name, count in Counter(names).items():
-        if not name or count > 1:
-            what = f"the column name {name!r} stands {count} times" if name else "a column of the header has no name"
-            raise refuse(path, what, fix="name each column once, in the file or with names")
+    return "." not in "".join(cells) and any(DECIMAL_COMMA.fullmatch(cell) for cell in cells)
 
 
 # ------------------------------------------------------------------------------------------------------ the numbers
 
 
-def _values(data: bytes, layout: _Layout) -> list[NDArray[Any]]:
+def _values(data: bytes, layout: Layout) -> list[NDArray[Any]]:
     """Return the columns to read; time stamps in seconds."""
     plain = replace(layout, keep=tuple(i for i in layout.keep if i not in layout.stamps))
     numbers = _fast(data, plain) or _slow(data, plain) if plain.keep else []
@@ -363,7 +226,7 @@ def _values(data: bytes, layout: _Layout) -> list[NDArray[Any]]:
     return [found[i] for i in layout.keep]
 
 
-def _fast(data: bytes, layout: _Layout) -> list[NDArray[Any]] | None:
+def _fast(data: bytes, layout: Layout) -> list[NDArray[Any]] | None:
     """Read real numbers with pyarrow.
 
     None leaves the decision to the slow reader.
@@ -399,7 +262,7 @@ def _fast(data: bytes, layout: _Layout) -> list[NDArray[Any]] | None:
     return values if all(f.all() for f in fine) else None
 
 
-def _slow(data: bytes, layout: _Layout) -> list[NDArray[Any]]:
+def _slow(data: bytes, layout: Layout) -> list[NDArray[Any]]:
     """Read line by line and locate the first fault."""
     real, imaginary = array("d"), array("d")
     delimiter, blank = layout.delimiter.encode(), 0
@@ -438,7 +301,7 @@ def _slow(data: bytes, layout: _Layout) -> list[NDArray[Any]]:
     return [column.copy() if column.imag.any() else column.real.copy() for column in both.T]
 
 
-def _plain_row(raw: bytes, delimiter: bytes, layout: _Layout) -> list[float]:
+def _plain_row(raw: bytes, delimiter: bytes, layout: Layout) -> list[float]:
     """Return the row of an ordinary line, or nothing."""
     try:
         row = [float(cell) for cell in raw.split(delimiter)]
@@ -448,7 +311,7 @@ def _plain_row(raw: bytes, delimiter: bytes, layout: _Layout) -> list[float]:
     return row if fits else []
 
 
-def _cell(layout: _Layout, line: int, index: int, cell: str, is_last: bool) -> complex:
+def _cell(layout: Layout, line: int, index: int, cell: str, is_last: bool) -> complex:
     """Return the number in a cell, or raise with its fault."""
     value = parse_number(cell)
     where = layout.column(index)
@@ -468,6 +331,8 @@ def _cell(layout: _Layout, line: int, index: int, cell: str, is_last: bool) -> c
         fix = "lines after the header hold numbers only"
         if is_stamp(cell):
             fix = "write time stamps in every line, or numbers"
+        elif is_timelike(cell):
+            fix = f"write times in seconds, or as {FORM}"
         elif re.fullmatch(r"[+-]?\d+,\d+", cell):
             fix = "use a point as the decimal sign"
         elif len(cell.split()) > 1:
@@ -482,7 +347,7 @@ def _cell(layout: _Layout, line: int, index: int, cell: str, is_last: bool) -> c
     return value
 
 
-def _ragged(layout: _Layout, line: int, cells: int, is_last: bool) -> BadRecording:
+def _ragged(layout: Layout, line: int, cells: int, is_last: bool) -> BadRecording:
     if is_last and cells < layout.width:
         return layout.fail(
             line,

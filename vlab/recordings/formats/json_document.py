@@ -1,4 +1,4 @@
-"""JSON documents: lists of numbers by name, or of records."""
+"""JSON documents: lists of numbers by name, records, or several runs."""
 
 import json
 from collections.abc import Collection, Sequence
@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from vlab.files.text import one_line
 from vlab.recordings import files
 from vlab.recordings.files import refuse
+from vlab.recordings.formats.json_runs import Run, alike, is_rows, runs_in, stacked
 from vlab.recordings.formats.records import stamps_of, table_of
 from vlab.recordings.formats.variables import Damaged, Skipped, Variables
 from vlab.recordings.stamps import FORM, BadStamp, is_stamp, read_stamp, seconds_from
@@ -30,7 +32,8 @@ def read(
     """Read a JSON document, see `vlab.recordings.open_table`.
 
     A list of objects gives one row an object. An object gives a column for each list of numbers, and dotted names for
-    nested objects. A list of objects in an object gives columns such as ``entries.position``.
+    nested objects. A list of objects in an object gives columns such as ``entries.position``. Several runs follow each
+    other, see `vlab.recordings.formats.json_runs`.
 
     Parameters
     ----------
@@ -64,22 +67,78 @@ def read(
     except (ValueError, RecursionError) as error:
         raise refuse(path, f"not a JSON document: {error}", fix="name a file with one object a line .jsonl") from error
     limit = files.unpacked_limit(len(data))
+    runs = runs_in(content)
+    if runs:
+        return table_of_runs(runs, path, columns, blanks, limit)
     try:
-        if _is_records(content):
+        if is_rows(content):
             return table_of(_rows(content, limit), path, columns, blanks)
         if not isinstance(content, dict):
-            raise refuse(path, "the document holds no names", fix='write {"name": [values], ...} or a list of objects')
+            fix = 'write {"name": [values], ...}, a list of objects, or a list of runs'
+            raise refuse(path, "the document holds no names", fix=fix)
         found = Variables()
         _collect(found, "", content, limit, 0)
     except (Damaged, ValueError, OverflowError) as error:
         if isinstance(error, files.BadRecording):
             raise
         raise refuse(path, str(error), fix="cut the recording into parts") from error
+    pair = alike(content)
+    if pair:
+        one, other = (one_line(name) for name in pair)
+        found.notes.append(
+            f"{one!r} and {other!r} have equal columns with times of their own; if they are runs, put them in a list: "
+            '{"runs": [...]}'
+        )
     return found.table(path, columns, blanks)
 
 
-def _is_records(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(part, dict) for part in value)
+def table_of_runs(
+    runs: Sequence[Run], path: Path, columns: Sequence[str] | None, blanks: Collection[str], limit: int
+) -> Table:
+    """Return the table of several runs.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        Runs.
+    path : Path
+        Path of the file, for messages.
+    columns : sequence of str or None
+        Columns to read; all by default.
+    blanks : collection of str
+        Columns that may have blank cells or NaN.
+    limit : int
+        Largest size of the columns [bytes].
+
+    Returns
+    -------
+    Table
+        Columns of all runs, one run after the other.
+
+    Raises
+    ------
+    BadRecording
+        No run has a column, or the columns are too large.
+    """
+
+    def read_one(content: Any) -> Variables:
+        found = Variables()
+        if is_rows(content):
+            rows = _rows(content, limit)
+            times, faults = stamps_of(rows)
+            for key, column in (rows.arrays() | times).items():
+                found.add(key, column)
+            found.refused |= {key: why for key, why in (rows.refused | faults).items() if key not in times}
+            found.units |= dict.fromkeys(times, "s")
+        else:
+            _collect(found, "", content, limit, 0)
+        return found
+
+    try:
+        found = stacked(runs, read_one)
+    except (Damaged, ValueError, OverflowError) as error:
+        raise refuse(path, str(error), fix="cut the recording into parts") from error
+    return found.table(path, columns, blanks)
 
 
 def _rows(records: Sequence[Any], limit: int) -> Rows:
@@ -93,7 +152,7 @@ def _collect(found: Variables, name: str, value: Any, limit: int, depth: int) ->
     """Add a value and the values inside under dotted names."""
     if depth > DEEPEST:
         raise ValueError(f"objects are nested more than {DEEPEST} deep")
-    if _is_records(value):
+    if is_rows(value):
         rows = _rows(value, limit)
         times, faults = stamps_of(rows)
         for key, column in (rows.arrays() | times).items():

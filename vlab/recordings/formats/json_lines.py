@@ -7,6 +7,8 @@ from pathlib import Path
 
 from vlab.recordings import files
 from vlab.recordings.files import refuse
+from vlab.recordings.formats.json_document import table_of_runs
+from vlab.recordings.formats.json_runs import Run, is_run
 from vlab.recordings.formats.records import table_of
 from vlab.recordings.table import Table
 from vlab.recordings.workers.rows import Rows
@@ -26,7 +28,7 @@ def read(
     """Read a file of JSON lines, see `vlab.recordings.open_table`.
 
     ``{"joint": {"position": [0.1, 0.2]}}`` gives ``joint.position[0]`` and ``joint.position[1]``. ``null`` is a blank
-    cell.
+    cell. Where each line holds lists of samples over a list of times, each line is a run.
 
     Parameters
     ----------
@@ -53,7 +55,8 @@ def read(
     """
     if names is not None:
         raise refuse(path, "JSON lines name their own values", fix="leave out names")
-    rows, stream, number = Rows(files.unpacked_limit(len(data))), io.BytesIO(data), 0
+    limit = files.unpacked_limit(len(data))
+    rows, runs, stream, number = Rows(limit), list[Run](), io.BytesIO(data), 0
     while line := stream.readline(LONGEST_LINE + 1):
         number += 1
         if len(line) > LONGEST_LINE:
@@ -70,8 +73,11 @@ def read(
             raise refuse(
                 path, f"line {number} is {type(record).__name__}, not an object", fix='write {"name": value, ...}'
             )
+        if runs or (not rows.count and is_run(record)):
+            runs.append(Run(str(len(runs)), record))
+            continue
         try:
             rows.add(record)
         except (ValueError, OverflowError) as error:
             raise refuse(path, f"line {number}: {error}", fix="cut the recording into parts") from error
-    return table_of(rows, path, columns, blanks)
+    return table_of_runs(runs, path, columns, blanks, limit) if runs else table_of(rows, path, columns, blanks)
