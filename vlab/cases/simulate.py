@@ -8,10 +8,11 @@ import numpy as np
 
 from vlab.cases.channel_map import Law, Run, compared_with_sensors
 from vlab.cases.clock import Clock, plan_clock
+from vlab.cases.history import early_error, from_file_start, remembers
 from vlab.cases.initial_state import InitialState, find_initial_state
 from vlab.cases.replay import Played, play
 from vlab.cases.replay_bench import Bench, State, at_timestep, bench_for
-from vlab.errors import Diverged
+from vlab.errors import BadCase, Diverged
 from vlab.plants.base import Plant
 from vlab.signals import Recording
 
@@ -48,7 +49,7 @@ def simulate(
     """Simulate a recording.
 
     The inputs act as recorded. A law in the loop acts on the simulated sensors at its own rate, and the recorded inputs
-    add to its commands. For irregular time stamps, cubic splines interpolate the response of every integration step.
+    add to its commands. Laws with memory may start with the samples before the run, see `vlab.cases.history`. For irregular time stamps, cubic splines interpolate the response of every integration step.
 
     Parameters
     ----------
@@ -73,6 +74,26 @@ def simulate(
     BadCase
         No initial state can be found, or the run is too long.
     """
+    once = _simulate(plant, run, initial, progress)
+    is_in_motion = initial is None and once.initial.how == "estimated"
+    longer = from_file_start(run) if is_in_motion and remembers(plant) else None
+    if longer is None:
+        return once
+    try:
+        whole = _simulate(plant, longer, None, progress)
+    except (BadCase, Diverged):
+        return once
+    part = whole.recording.rows(slice(len(longer.measured) - len(run.measured), None))
+    window_s = once.initial.window_s
+    if early_error(run, part, window_s) >= early_error(run, once.recording, window_s):
+        return once
+    return replace(
+        whole, recording=part, notes=(*whole.notes, "simulated from the start of the file, for laws with memory")
+    )
+
+
+def _simulate(plant: Plant, run: Run, initial: InitialState | None, progress: Callable[[float], None]) -> Simulation:
+    """Simulate a recording from its first sample."""
     clock = plan_clock(plant.timestep, run)
     notes = []
     if clock.timestep < (1 - 1e-9) * plant.timestep:

@@ -99,10 +99,15 @@ class ExtendedModel:
 
     def _moved(self, run: Run) -> Run:
         """Return a run with calibrated channels, for the initial state."""
-        data = run.measured.data.copy()
-        for column, gain, offset, about in self._calibration(run.measured):
+        before = None if run.before is None else self._calibrated(run.before)
+        return replace(run, measured=self._calibrated(run.measured), before=before)
+
+    def _calibrated(self, recording: Recording) -> Recording:
+        """Return a recording without the gains and offsets of the sensors."""
+        data = recording.data.copy()
+        for column, gain, offset, about in self._calibration(recording):
             data[:, column] = about + (data[:, column] - about - offset) / gain
-        return replace(run, measured=replace(run.measured, data=data))
+        return replace(recording, data=data)
 
     def _calibration(self, recording: Recording) -> Iterator[tuple[int, float, float, float]]:
         """Yield the calibration of every corrected channel."""
