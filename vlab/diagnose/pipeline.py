@@ -276,7 +276,7 @@ class _Pass:
             self.report(0.95, "fitting a tabulated force")
             last, ours, again = self._other(searched, _sought(LAST_RESORT, self.at), UNKNOWN_LAW)
             tried = None if again is None else again.tried
-            if again and tried and is_better_table(tried, attempt):
+            if again and tried and again.choice.gained > 0.0 and is_better_table(tried, attempt):
                 return last._diagnosed(ours, replace(again, verdict="unknown-law"))
         return None
 
