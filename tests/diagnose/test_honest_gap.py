@@ -318,6 +318,17 @@ def diagnosis(verdict, **others):
     )  # fmt: skip
 
 
+def test_an_abstention_says_what_calibration_removed():
+    shown = diagnosis("none-of-these", checked=(distance(nominal=3.0, calibrated=0.3, after=0.3),))
+    shown = replace(shown, calibration={"mass": np.log(1.5), "gain": 0.01})
+    assert shown.calibrated == pytest.approx(0.99)
+    line = "Calibration (mass x 1.5, gain x 1.01) removes 99 % of the nominal model's mean-square error"
+    assert line in _text(shown)
+    worse = diagnosis("none-of-these", checked=(distance(nominal=0.3, calibrated=0.4, after=0.4),))
+    assert worse.calibrated is None
+    assert "Calibration" not in _text(worse)
+
+
 def test_an_attempt_stands_in_the_document_and_the_text_without_a_probability():
     two = Attempt(
         findings=(finding(stiffness=4.0), finding("coulomb-friction", "joint:b", force=0.2)),

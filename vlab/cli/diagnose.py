@@ -7,6 +7,8 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from vlab.api.diagnosis import Diagnosis as Answer
 from vlab.api.diagnosis import diagnose
 from vlab.cases import load_case
@@ -32,7 +34,7 @@ from vlab.diagnose.export import CASE as EXTENDED
 from vlab.diagnose.precheck import Precheck, precheck_case
 from vlab.errors import BadCase, BadExperiment
 from vlab.files.output_folder import check_output, digests, is_untouched_draft, output_folder, write_manifest
-from vlab.files.text import in_line
+from vlab.files.text import in_digits, in_line
 from vlab.parallel import limited_to
 from vlab.standalone.answer import FOLDER, PATCH
 from vlab.units import quantity
@@ -46,6 +48,8 @@ DEFAULT = "out/diagnosis"
 OF_THE_FIT_ALONE = (
     "The effect that explains the fit recordings has no effect on the held-out recordings: nothing is verified."
 )
+MOST_FACTORS = 3
+"""MOST_FACTORS [1]: calibrated parameters in the line on calibration."""
 VERDICTS = {
     "missing-physics": "Physics is missing in the model.",
     "partly-explained": "Physics is missing in the model: what was found explains a part of the mismatch, and more is missing.",
@@ -336,6 +340,8 @@ def _text(diagnosis: Diagnosis) -> str:
     lines = [in_line(diagnosis.title), "", verdict]
     if diagnosis.explained is not None:
         lines.append(f"Explained: {share(diagnosis.explained)} of the mean-square mismatch on {_data_of(diagnosis)}.")
+    if diagnosis.verdict == "none-of-these" and diagnosis.calibrated is not None:
+        lines.append(_calibration(diagnosis, diagnosis.calibrated))
     lines.append("")
     for finding in diagnosis.findings:
         lines.append(
@@ -368,6 +374,14 @@ def _text(diagnosis: Diagnosis) -> str:
 
 def _data_of(diagnosis: Diagnosis) -> str:
     return "hold-out recordings" if diagnosis.is_held_out else "the fit recordings"
+
+
+def _calibration(diagnosis: Diagnosis, removed: float) -> str:
+    """Return the share of the error that calibration removes, with the largest factors on parameters."""
+    largest = sorted(diagnosis.calibration.items(), key=lambda item: -abs(item[1]))[:MOST_FACTORS]
+    factors = ", ".join(f"{in_line(name)} x {in_digits(float(np.exp(value)))}" for name, value in largest)
+    shown = f" ({factors})" if factors else ""
+    return f"Calibration{shown} removes {share(removed)} of the nominal model's mean-square error on {_data_of(diagnosis)}."
 
 
 def _values(finding: Finding) -> list[str]:

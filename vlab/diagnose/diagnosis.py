@@ -225,6 +225,17 @@ class Diagnosis:
         return explained_share(self.checked) if self.is_naming else None
 
     @property
+    def calibrated(self) -> float | None:
+        """Share of the nominal model's mean-square error that calibration removes.
+
+        None where it removes nothing.
+        """
+        nominal, before = total(self.checked, "nominal"), total(self.checked, "before")
+        if not before < nominal:
+            return None
+        return 1.0 - (before / nominal) ** 2 if np.isfinite(nominal) else 1.0
+
+    @property
     def is_complete(self) -> bool:
         """Whether the residual is within noise and stated model error."""
         return self.verdict in ("missing-physics", "nothing-missing") and self.residual_is_small

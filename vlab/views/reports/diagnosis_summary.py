@@ -58,7 +58,14 @@ def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
     if diagnosis.verdict == "none-of-these":
         left = _ratio(errors["nrmse_before"], errors["nrmse_noise"])
         how = "nominal or calibrated" if is_nominal else "calibrated"
-        return f"The residual of the {how} model is {left} on {where}; no effect of the catalogue explains it."
+        removed = (
+            ""
+            if diagnosis.calibrated is None
+            else (
+                f" Calibration alone removes {100 * diagnosis.calibrated:.3g} % of the nominal model's mean-square error."
+            )
+        )
+        return f"The residual of the {how} model is {left} on {where}; no effect of the catalogue explains it.{removed}"
     return "The recordings are damaged, so the model was not judged."
 
 
