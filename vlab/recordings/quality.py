@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlab.recordings.consistency import NEAR, known_factor, mismatches
+from vlab.recordings.wraps import wraps
 from vlab.signals import Array, Channel, Recording
 
 CLIPPED_RUN = 3
@@ -39,7 +40,7 @@ class Finding:
         The channel, or ``"time"``; empty for all channels.
     kind : str
         ``clipping``, ``constant``, ``duplicate``, ``jitter``, ``gap``, ``held``, ``quantisation``, ``reading``,
-        ``units`` or ``sign``.
+        ``units``, ``sign`` or ``wrap``.
     text : str
         Observation, location and amount.
     severity : {"note", "warning"}
@@ -76,6 +77,7 @@ def _findings(recording: Recording) -> Iterator[Finding]:
         step = _step(values)
         yield from _clipping(recording, i)
         yield from _quantisation(recording, i, step)
+        yield from _wraps(recording, i)
     yield from _held(recording, moving)
     yield from _duplicates(recording, moving)
     yield from _derivatives(recording, moving)
@@ -274,6 +276,19 @@ def _quantisation(recording: Recording, index: int, step: float) -> Iterator[Fin
         text = f"{channel.name} moves in steps of {step:.4g} {channel.unit}, {share}"
         is_coarse = step > 0.3 * size and not _drives(channel)  # a stepped command is intended
         yield Finding(channel.name, "quantisation", text, "warning" if is_coarse else "note")
+
+
+def _wraps(recording: Recording, index: int) -> Iterator[Finding]:
+    """Yield a finding on an angle that jumps by a full turn."""
+    channel = recording.channels[index]
+    if channel.kind != "angle":
+        return
+    is_read = recording.is_read(channel.name)
+    jumps = wraps(recording.data[is_read, index], is_target=_drives(channel))
+    if jumps.size:
+        first = recording.time[is_read][jumps[0] + 1]
+        text = f"{channel.name} jumps by a full turn {_count(jumps.size, 'time')}, first at t = {first:g} s"
+        yield Finding(channel.name, "wrap", text, "warning")
 
 
 def held_samples(recording: Recording) -> NDArray[np.bool_]:

@@ -33,6 +33,7 @@ from vlab.cases.checks.ranges import check_ranges
 from vlab.cases.checks.shifts import shifts
 from vlab.cases.checks.slips import SMALL, is_turned, near_units, reading, slip_of_unit, slip_without_sign
 from vlab.cases.checks.still import check_still
+from vlab.cases.checks.wraps import check_wraps
 from vlab.signals import Recording
 
 WORSE = 1.2
@@ -72,9 +73,9 @@ def check_recordings(
         The unit of time is wrong, see `vlab.cases.checks.clock`.
     """
     runs = case.runs() if runs is None else list(runs)
-    still = check_still(runs)
-    if still:
-        return FileCheck(found=tuple(still))
+    damaged = check_still(runs) or check_wraps(case, runs)
+    if damaged:
+        return FileCheck(found=tuple(damaged))
     if simulated is None:
         check_clock(case, runs)
     of_range, of_all = check_ranges(case, runs), [*check_copies(runs), *check_periods(runs)]

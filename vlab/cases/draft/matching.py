@@ -55,6 +55,10 @@ class Match:
         Whether names or values leave no doubt about place and role, and about the unit.
     scale : float or None
         Model unit per file unit, where the user must state the value.
+    wraps : int
+        Number of jumps by a full turn in all logs.
+    turn : str
+        Unit in which the jumps are a full turn; empty without jumps.
     """
 
     column: str
@@ -69,6 +73,8 @@ class Match:
     is_place_sure: bool = True
     is_unit_sure: bool = True
     scale: float | None = None
+    wraps: int = 0
+    turn: str = ""
 
     @property
     def is_sure(self) -> bool:

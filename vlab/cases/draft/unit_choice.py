@@ -96,7 +96,8 @@ def choose_units(log: Log, clock: LogClock, plant: Plant, used: Sequence[Match])
             out.append(replace(match, unit=unit, why_unit="the unit of the model" if unit else ""))
     left = {group: _inside(log, plant, [out[i] for i in members]) for group, members in groups.items()}
     said = {group: (units_left[0], why) for group, (units_left, why) in left.items() if len(units_left) == 1}
-    several = {group: units_left for group, (units_left, _) in left.items() if len(units_left) > 1}
+    said |= _by_turn(out, groups)
+    several = {g: units_left for g, (units_left, _) in left.items() if len(units_left) > 1 and g not in said}
     tried = _simulated(log, clock, plant, out, groups, said, several) if several else {}
     for group, members in groups.items():
         sure = group in said or group in tried
@@ -108,6 +109,16 @@ def choose_units(log: Log, clock: LogClock, plant: Plant, used: Sequence[Match])
         for i in members:
             out[i] = replace(out[i], unit=unit, why_unit=why, is_unit_sure=sure)
     return tuple(out)
+
+
+def _by_turn(matches: Sequence[Match], groups: Mapping[Group, Sequence[int]]) -> dict[Group, tuple[str, str]]:
+    """Return the units in which the jumps of wrapped angles are full turns."""
+    out = {}
+    for group, members in groups.items():
+        wrapped = next((matches[i] for i in members if matches[i].turn), None)
+        if wrapped is not None:
+            out[group] = (wrapped.turn, f"{wrapped.label!r} jumps by a full turn in {wrapped.turn}")
+    return out
 
 
 # ---- ranges of the model -----------------------------------------------------------------------------------------
@@ -226,10 +237,22 @@ def percent(share: float) -> str:
 
 
 def channel_keys(match: Match) -> dict[str, Any]:
-    """Return the keys of a column's table in the case."""
+    """Return the keys of a column's table in the case.
+
+    Parameters
+    ----------
+    match : Match
+        Column with its place and unit.
+
+    Returns
+    -------
+    dict of str to object
+        Values by key of ``[[channel]]``.
+    """
     keys: dict[str, Any] = {"column": match.label, "at": match.at, "kind": match.kind}
     keys |= {"unit": match.unit} if match.unit else {}
     keys |= {} if match.scale is None else {"scale": match.scale}
+    keys |= {"unwrap": True} if match.wraps else {}
     return keys | ({"input": True} if match.is_input else {})
 
 
