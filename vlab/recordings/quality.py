@@ -25,6 +25,8 @@ difference of 1.4e-5; two sensors differ more."""
 
 USUAL = 0.02
 """USUAL [1]: share of long time steps above which sampling counts as uneven, without gaps."""
+FINEST_DIGIT = 9
+"""FINEST_DIGIT [1]: last decimal of time stamps, of nanoseconds; finer stamps count as exact."""
 COARSE = 0.03
 """COARSE [1]: smallest reported ratio of quantisation step to standard deviation. The quantisation noise,
 step/sqrt(12), is then above 1 %."""
@@ -107,7 +109,7 @@ def _time(recording: Recording) -> Iterator[Finding]:
         yield Finding("time", "gap", text, "warning")
     regular = steps[steps <= long]
     spread = float(np.ptp(regular)) / usual
-    if spread > 1e-4:  # same limit as Recording.is_uniform
+    if spread > 1e-4 and np.ptp(regular) > 1.001 * resolution_of(recording.time):  # limit of Recording.is_uniform
         severity: Literal["note", "warning"] = "warning" if spread > 0.05 else "note"
         yield Finding(
             "time",
@@ -115,6 +117,32 @@ def _time(recording: Recording) -> Iterator[Finding]:
             f"the time steps vary from {regular.min():g} to {regular.max():g} s ({100 * spread:.2g} %)",
             severity,
         )
+
+
+def resolution_of(time: Array) -> float:
+    """Return the resolution of decimal time stamps.
+
+    Even times that are rounded to a resolution r have steps that differ by r at most.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Time stamps [s].
+
+    Returns
+    -------
+    float
+        Largest power of ten of which all steps are multiples [s]; 0.0 for none beyond the rounding of the numbers.
+    """
+    steps = np.diff(time)
+    rounding = 4 * float(np.spacing(np.abs(time).max()))
+    for digits in range(FINEST_DIGIT + 1):
+        step = 10.0**-digits
+        if rounding > 0.01 * step:
+            return 0.0
+        if np.abs(steps - step * np.rint(steps / step)).max() <= rounding:
+            return step
+    return 0.0
 
 
 def long_step(time: Array) -> float:
