@@ -31,6 +31,7 @@ from vlab.cases.checks.correction import (
 from vlab.cases.checks.periods import check_periods
 from vlab.cases.checks.ranges import check_ranges
 from vlab.cases.checks.shifts import shifts
+from vlab.cases.checks.sizes import check_sizes
 from vlab.cases.checks.slips import SMALL, is_turned, near_units, reading, slip_of_unit, slip_without_sign
 from vlab.cases.checks.still import check_still
 from vlab.cases.checks.wraps import check_wraps
@@ -84,7 +85,9 @@ def check_recordings(
     found = look.slips() or look.swaps() or look.choose_convention() or look.unrelated() or look.without_sign()
     said = {name for f in found for name in f.channels}
     of_range = [f for f in of_range if not said & set(f.channels)]
-    return FileCheck(found=(*found, *of_range, *of_all, *look.shifts(said | {n for f in of_range for n in f.channels})))
+    said |= {name for f in of_range for name in f.channels}
+    of_size = [] if found else check_sizes(case, look.now, said)  # a wrong input changes every size
+    return FileCheck(found=(*found, *of_range, *of_all, *of_size, *look.shifts(said)))
 
 
 class _Look:

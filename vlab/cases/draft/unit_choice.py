@@ -272,7 +272,7 @@ def _by_size(
     largest = max(float(np.abs(_values(log, m)).max(initial=0.0)) for m in members)
     if si == "rad":
         if largest > TURN:
-            return "deg", f"values up to {largest:.4g} are more than a turn in rad"
+            return _radians(log, clock, plant, matches, members, largest)
         return "rad", f"values up to {largest:.4g} are less than a turn in rad"
     if si == "m":
         return _metres(log, clock, plant, matches, members, largest)
@@ -280,6 +280,28 @@ def _by_size(
     if si.startswith("rad/") and is_in_degrees:
         return si.replace("rad", "deg"), "the angles of the log are in degrees"
     return si, "the SI unit"
+
+
+def _radians(
+    log: Log, clock: LogClock, plant: Plant, matches: Sequence[Match], members: Sequence[Match], largest: float
+) -> tuple[str, str]:
+    """Return radians or degrees by the motion of the model, with reason.
+
+    An unlimited hinge may turn several times. Radians stay where both units fit, or none.
+    """
+    beyond = f"values up to {largest:.4g} are more than a turn in rad"
+    limits = [limits_of(plant, m.at, m.kind, is_input=m.is_input) for m in members]
+    if any(found is not None for found in limits):
+        return "deg", beyond
+    halfway = np.sqrt(units.factor("rad", "deg"))
+    sizes = {unit: _size_beside_model(log, clock, plant, matches, members, unit) for unit in CANDIDATES["rad"]}
+    fitting = [unit for unit, size in sizes.items() if size is not None and 1.0 / halfway < size < halfway]
+    if len(fitting) == 1:
+        return fitting[
+            0
+        ], f"{beyond}, and the motion in {fitting[0]} is {sizes[fitting[0]]:.2g} times that of the model"
+    both = "rad and deg both fit" if fitting else "the model moves as far neither in rad nor in deg"
+    return "rad", f"{beyond}, which the hinge may make; {both}, so state the unit"
 
 
 def _metres(
@@ -297,21 +319,25 @@ def _metres(
     if largest <= extent:
         return "m", f"values up to {largest:.4g} are less than the model's size of {extent:.3g} m"
     beyond = f"values up to {largest:.4g} are more than the model's size of {extent:.3g} m"
-    size = _size_beside_model(log, clock, plant, matches, members)
+    size = _size_beside_model(log, clock, plant, matches, members, "m")
     if size is None or size > HALFWAY:
         return "mm", beyond
     return "m", f"{beyond}, and the motion in m is {size:.2g} times that of the model; in mm they fit, too"
 
 
 def _size_beside_model(
-    log: Log, clock: LogClock, plant: Plant, matches: Sequence[Match], members: Sequence[Match]
+    log: Log, clock: LogClock, plant: Plant, matches: Sequence[Match], members: Sequence[Match], unit: str
 ) -> float | None:
-    """Return the largest motion in SI units over that of the model."""
-    tried = [m if m.unit else replace(m, unit=unit_of(plant, m)) for m in matches]
+    """Return the largest motion in a unit over that of the model."""
+    tried = [
+        replace(m, unit=unit) if m in members else m if m.unit else replace(m, unit=unit_of(plant, m)) for m in matches
+    ]
     both = _beside(log, clock, plant, tried)
     if both is None:
         return None
     run, own = both
-    recorded = {m.at: float(np.std(_values(log, m))) for m in members if not m.is_input}
-    sizes = {name: float(np.std(own[name])) for name in recorded if name in {c.channel for c in run.compared}}
-    return max((recorded[name] / size for name, size in sizes.items() if 0.0 < size < np.inf), default=None)
+    names = {m.at for m in members if not m.is_input} & {c.channel for c in run.compared}
+    sizes = {name: float(np.std(own[name])) for name in names}
+    return max(
+        (float(np.std(run.measured[name])) / size for name, size in sizes.items() if 0.0 < size < np.inf), default=None
+    )
