@@ -115,7 +115,16 @@ def test_gaps_and_jitter_of_the_time_stamps():
     assert "about 40 samples lost" in found.text
     jitter = TIME + np.random.default_rng(0).uniform(-0.1, 0.1, TIME.size) / RATE
     assert kinds(run(signal(), time=jitter)) == [("time", "jitter", "warning")]
-    assert kinds(run(signal(), time=np.round(TIME * (1 + 1 / 3), 6))) == [("time", "jitter", "note")]
+    slight = TIME + np.random.default_rng(0).uniform(-0.01, 0.01, TIME.size) / RATE
+    assert kinds(run(signal(), time=slight)) == [("time", "jitter", "note")]
+
+
+@pytest.mark.parametrize(("period", "decimals"), [(0.0204, 3), (1 / 750, 6), (0.0333, 2)])
+def test_rounded_stamps_of_even_samples_are_no_jitter(period, decimals):
+    rounded = np.round(1.7e3 + period * np.arange(TIME.size), decimals)
+    assert findings(run(signal(), time=rounded)) == ()
+    uneven = rounded + 10.0**-decimals * np.random.default_rng(0).integers(-1, 2, TIME.size)
+    assert [kind for _, kind, _ in kinds(run(signal(), time=uneven))] == ["jitter"]
 
 
 def test_blocks_filled_with_the_last_value():

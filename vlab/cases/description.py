@@ -89,6 +89,8 @@ class ChannelTable:
     blank : str
         Blank cells of an input. ``"hold"``: the last value stands. By default blank cells of an input are an error; those
         of a compared channel have no reading and are not compared.
+    unwrap : bool
+        Whether the jumps of an angle by a full turn are removed when the column is read.
     """
 
     column: str
@@ -106,6 +108,7 @@ class ChannelTable:
     time: str = ""
     time_unit: str = ""
     blank: Literal["", "hold"] = ""
+    unwrap: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "kind", known_kind(self.kind, self.unit))
@@ -117,6 +120,8 @@ class ChannelTable:
             raise BadCase("delay_s is for what is compared with the model; when an input acts is said by its hold")
         if self.blank and not self.input:
             raise BadCase('blank = "hold" is for inputs; a blank cell of a compared channel is no reading')
+        if self.unwrap and self.kind != "angle":
+            raise BadCase(f"unwrap is for an angle, which jumps by a full turn; the column is of kind {self.kind}")
         if self.time and self.hold == "past":
             raise BadCase('hold = "past" needs the rows of the recording; give "zero" or "linear" beside time')
         if self.time_unit:
@@ -160,6 +165,7 @@ class ChannelTable:
             is_input=self.input,
             is_held=self.is_held,
             stands=self.blank == "hold",
+            unwrap=self.unwrap,
             time=self.time,
             time_unit=self.time_unit or time_unit,
         )

@@ -11,6 +11,7 @@ from vlab.files.text import one_line
 from vlab.recordings.clocks import OnClock, filled, held, held_on, line_on, reading_on
 from vlab.recordings.files import refuse
 from vlab.recordings.table import Table
+from vlab.recordings.wraps import unwrapped
 from vlab.signals import KIND_UNITS, Array, Channel, Recording
 
 _SI = (
@@ -60,6 +61,8 @@ class ColumnSpec:
         Whether an input with a time of its own stays constant between its samples.
     stands : bool
         Whether blank cells of an input stand for the last value.
+    unwrap : bool
+        Whether the jumps of an angle by a full turn are removed.
     time, time_unit : str
         Time column of the channel alone, and its unit; the recording's by default.
     """
@@ -74,6 +77,7 @@ class ColumnSpec:
     is_input: bool = False
     is_held: bool = False
     stands: bool = False
+    unwrap: bool = False
     time: str = ""
     time_unit: str = "s"
 
@@ -84,6 +88,8 @@ class ColumnSpec:
             )
         if self.scale is not None and not (np.isfinite(self.scale) and self.scale != 0.0):
             raise BadRecording(f"column {self.column!r}: the scale is {self.scale}; it must be finite and not zero")
+        if self.unwrap and self.kind != "angle":
+            raise BadRecording(f"column {self.column!r}: unwrap is for an angle, and the column is {self.kind}")
 
     def channel_and_factor(self) -> tuple[Channel, float]:
         """Return the SI label and the factor from file numbers.
@@ -224,7 +230,8 @@ def _labelled(table: Table, spec: ColumnSpec) -> tuple[Channel, Array]:
     except BadUnit as error:
         raise BadUnit(f"{one_line(table.path)}: column {one_line(spec.column)!r} ({spec.kind}): {error}") from error
     with np.errstate(over="ignore"):  # a later check for finite samples finds an overflow
-        return channel, (values - spec.offset) * factor
+        values = (values - spec.offset) * factor
+        return channel, unwrapped(values) if spec.unwrap else values  # an angle is in radians here
 
 
 def _within(stamps: Array, start_s: float | None, stop_s: float | None) -> Array:

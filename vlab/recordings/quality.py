@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlab.recordings.consistency import NEAR, known_factor, mismatches
+from vlab.recordings.wraps import wraps
 from vlab.signals import Array, Channel, Recording
 
 CLIPPED_RUN = 3
@@ -24,6 +25,8 @@ difference of 1.4e-5; two sensors differ more."""
 
 USUAL = 0.02
 """USUAL [1]: share of long time steps above which sampling counts as uneven, without gaps."""
+FINEST_DIGIT = 9
+"""FINEST_DIGIT [1]: last decimal of time stamps, of nanoseconds; finer stamps count as exact."""
 COARSE = 0.03
 """COARSE [1]: smallest reported ratio of quantisation step to standard deviation. The quantisation noise,
 step/sqrt(12), is then above 1 %."""
@@ -39,7 +42,7 @@ class Finding:
         The channel, or ``"time"``; empty for all channels.
     kind : str
         ``clipping``, ``constant``, ``duplicate``, ``jitter``, ``gap``, ``held``, ``quantisation``, ``reading``,
-        ``units`` or ``sign``.
+        ``units``, ``sign`` or ``wrap``.
     text : str
         Observation, location and amount.
     severity : {"note", "warning"}
@@ -76,6 +79,7 @@ def _findings(recording: Recording) -> Iterator[Finding]:
         step = _step(values)
         yield from _clipping(recording, i)
         yield from _quantisation(recording, i, step)
+        yield from _wraps(recording, i)
     yield from _held(recording, moving)
     yield from _duplicates(recording, moving)
     yield from _derivatives(recording, moving)
@@ -105,7 +109,7 @@ def _time(recording: Recording) -> Iterator[Finding]:
         yield Finding("time", "gap", text, "warning")
     regular = steps[steps <= long]
     spread = float(np.ptp(regular)) / usual
-    if spread > 1e-4:  # same limit as Recording.is_uniform
+    if spread > 1e-4 and np.ptp(regular) > 1.001 * resolution_of(recording.time):  # limit of Recording.is_uniform
         severity: Literal["note", "warning"] = "warning" if spread > 0.05 else "note"
         yield Finding(
             "time",
@@ -113,6 +117,32 @@ def _time(recording: Recording) -> Iterator[Finding]:
             f"the time steps vary from {regular.min():g} to {regular.max():g} s ({100 * spread:.2g} %)",
             severity,
         )
+
+
+def resolution_of(time: Array) -> float:
+    """Return the resolution of decimal time stamps.
+
+    Even times that are rounded to a resolution r have steps that differ by r at most.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Time stamps [s].
+
+    Returns
+    -------
+    float
+        Largest power of ten of which all steps are multiples [s]; 0.0 for none beyond the rounding of the numbers.
+    """
+    steps = np.diff(time)
+    rounding = 4 * float(np.spacing(np.abs(time).max()))
+    for digits in range(FINEST_DIGIT + 1):
+        step = 10.0**-digits
+        if rounding > 0.01 * step:
+            return 0.0
+        if np.abs(steps - step * np.rint(steps / step)).max() <= rounding:
+            return step
+    return 0.0
 
 
 def long_step(time: Array) -> float:
@@ -274,6 +304,19 @@ def _quantisation(recording: Recording, index: int, step: float) -> Iterator[Fin
         text = f"{channel.name} moves in steps of {step:.4g} {channel.unit}, {share}"
         is_coarse = step > 0.3 * size and not _drives(channel)  # a stepped command is intended
         yield Finding(channel.name, "quantisation", text, "warning" if is_coarse else "note")
+
+
+def _wraps(recording: Recording, index: int) -> Iterator[Finding]:
+    """Yield a finding on an angle that jumps by a full turn."""
+    channel = recording.channels[index]
+    if channel.kind != "angle":
+        return
+    is_read = recording.is_read(channel.name)
+    jumps = wraps(recording.data[is_read, index], is_target=_drives(channel))
+    if jumps.size:
+        first = recording.time[is_read][jumps[0] + 1]
+        text = f"{channel.name} jumps by a full turn {_count(jumps.size, 'time')}, first at t = {first:g} s"
+        yield Finding(channel.name, "wrap", text, "warning")
 
 
 def held_samples(recording: Recording) -> NDArray[np.bool_]:

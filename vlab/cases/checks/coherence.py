@@ -1,5 +1,7 @@
 """Coherence check between recorded outputs and inputs."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from vlab.cases.channel_map import Run
@@ -16,6 +18,9 @@ POWER = 1e-3
 """POWER [1]: smallest input power of a used line, relative to the strongest line."""
 CHANCE = 3.0
 """CHANCE [standard deviations]: width of the chance level above the mean coherence of unrelated signals."""
+MOST = 0.5
+"""MOST [1]: smallest share of the recorded output's power in the lines that the segments resolve. Slower motion may move
+with the input and is not seen."""
 FEWEST_LINES = 8
 """FEWEST_LINES [1]: fewest lines from which a recording is assessed."""
 OVERLAP = 0.947
@@ -26,7 +31,7 @@ of the degrees of freedom of twice as many segments."""
 def unrelated(now: Beside) -> str:
     """Return a message if no recorded output is coherent with the inputs.
 
-    The message requires that the model's outputs are coherent.
+    The message requires that the model's outputs are coherent, and that the segments resolve most of the recorded power.
 
     Parameters
     ----------
@@ -61,7 +66,7 @@ def unrelated(now: Beside) -> str:
 def _means(run: Run, own: Recording, name: str) -> tuple[float, float] | None:
     """Return the mean coherence of an output, and its chance level.
 
-    The mean is over the lines that the model drives.
+    The mean is over the lines that the model drives. Segments become longer where the motion is slow.
 
     Returns
     -------
@@ -71,39 +76,61 @@ def _means(run: Run, own: Recording, name: str) -> tuple[float, float] | None:
     inputs = [run.measured[d.channel] for d in run.drives if np.ptp(run.measured[d.channel]) > 0.0]
     if not inputs or run.law is not None or not run.measured.is_uniform:
         return None
-    u = np.column_stack(inputs)
-    n = SEGMENTS + EACH * (u.shape[1] - 1)
-    length = 2 * len(u) // (n + 1)
-    if length < 2 * FEWEST_LINES:
-        return None
-    measured, power = _coherence(u, run.measured[name], length)
-    simulated, _ = _coherence(u, own[name], length)
-    lines = (simulated >= DRIVEN) & (power >= POWER * power.max())
-    lines[:2] = False  # leakage of the mean in a Hann window
-    lines[int(UPPER * len(lines)) :] = False
-    count = int(lines.sum())
-    if count < FEWEST_LINES:
-        return None
-    free, q = OVERLAP * n, u.shape[1]
-    mean = q / free
-    spread = float(
-        np.sqrt(mean * (1.0 - mean) / (free + 1.0) / (count / 2.0))
-    )  # variance of a beta distribution; a Hann window correlates neighbouring lines
-    return float(measured[lines].mean()), mean + CHANCE * spread
+    u, y = np.column_stack(inputs), run.measured[name]
+    most = SEGMENTS + EACH * (u.shape[1] - 1)
+    for segments in (most, most // 2):  # longer segments resolve slower motion
+        length = 2 * len(u) // (segments + 1)
+        if length < 2 * FEWEST_LINES:
+            continue
+        found = _spectra(u, y, length)
+        model = _spectra(u, own[name], length)
+        resolved = slice(2, int(UPPER * len(found.power)))  # leakage of the mean in a Hann window below
+        driven = (model.coherence >= DRIVEN) & (found.drive >= POWER * found.drive.max())
+        lines = np.arange(len(driven))[resolved][driven[resolved]]
+        count = len(lines)
+        if count >= FEWEST_LINES and found.power[resolved].sum() >= MOST * found.total:
+            mean, spread = _chance(u.shape[1], segments, count)
+            return float(found.coherence[lines].mean()), mean + CHANCE * spread
+    return None
 
 
-def _coherence(u: Array, y: Array, length: int) -> tuple[Array, Array]:
-    """Return multiple coherence and input power, (n_lines,) each."""
+def _chance(inputs: int, segments: int, lines: int) -> tuple[float, float]:
+    """Return mean and spread of the coherence of unrelated signals, averaged over lines.
+
+    The coherence has a beta distribution. A Hann window correlates neighbouring lines.
+    """
+    free = OVERLAP * segments
+    mean = inputs / free
+    return mean, float(np.sqrt(mean * (1.0 - mean) / (free + 1.0) / (lines / 2.0)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Spectra:
+    """Multiple coherence, power of the inputs and power of the output, (n_lines,) each.
+
+    `total` is the power of the output about its mean over the whole record, slow motion included.
+    """
+
+    coherence: Array
+    drive: Array
+    power: Array
+    total: float
+
+
+def _spectra(u: Array, y: Array, length: int) -> _Spectra:
+    """Return the spectra of half-overlapping segments."""
     starts = range(0, len(y) - length + 1, length // 2)
     window = np.hanning(length)
     U = np.stack(
         [np.fft.rfft((u[k : k + length] - u[k : k + length].mean(axis=0)) * window[:, None], axis=0) for k in starts]
     )
     Y = np.stack([np.fft.rfft((y[k : k + length] - y[k : k + length].mean()) * window) for k in starts])
+    whole = np.stack([np.fft.rfft((y[k : k + length] - y.mean()) * window) for k in starts])
     uu = np.einsum("slj,slk->ljk", U.conj(), U)
     uy = np.einsum("slj,sl->lj", U.conj(), Y)
     yy = np.sum(np.abs(Y) ** 2, axis=0)
     power = np.einsum("ljj->l", uu).real
     uu = uu + 1e-12 * power.max(initial=1e-300) * np.eye(u.shape[1])
     explained = np.einsum("lj,lj->l", uy.conj(), np.linalg.solve(uu, uy[..., None])[..., 0]).real
-    return np.clip(explained / np.maximum(yy, 1e-300), 0.0, 1.0), power
+    coherence = np.clip(explained / np.maximum(yy, 1e-300), 0.0, 1.0)
+    return _Spectra(coherence=coherence, drive=power, power=yy, total=float(np.sum(np.abs(whole) ** 2)))

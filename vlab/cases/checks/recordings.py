@@ -31,8 +31,10 @@ from vlab.cases.checks.correction import (
 from vlab.cases.checks.periods import check_periods
 from vlab.cases.checks.ranges import check_ranges
 from vlab.cases.checks.shifts import shifts
+from vlab.cases.checks.sizes import check_sizes
 from vlab.cases.checks.slips import SMALL, is_turned, near_units, reading, slip_of_unit, slip_without_sign
 from vlab.cases.checks.still import check_still
+from vlab.cases.checks.wraps import check_wraps
 from vlab.signals import Recording
 
 WORSE = 1.2
@@ -72,9 +74,9 @@ def check_recordings(
         The unit of time is wrong, see `vlab.cases.checks.clock`.
     """
     runs = case.runs() if runs is None else list(runs)
-    still = check_still(runs)
-    if still:
-        return FileCheck(found=tuple(still))
+    damaged = check_still(runs) or check_wraps(case, runs)
+    if damaged:
+        return FileCheck(found=tuple(damaged))
     if simulated is None:
         check_clock(case, runs)
     of_range, of_all = check_ranges(case, runs), [*check_copies(runs), *check_periods(runs)]
@@ -83,7 +85,9 @@ def check_recordings(
     found = look.slips() or look.swaps() or look.choose_convention() or look.unrelated() or look.without_sign()
     said = {name for f in found for name in f.channels}
     of_range = [f for f in of_range if not said & set(f.channels)]
-    return FileCheck(found=(*found, *of_range, *of_all, *look.shifts(said | {n for f in of_range for n in f.channels})))
+    said |= {name for f in of_range for name in f.channels}
+    of_size = [] if found else check_sizes(case, look.now, said)  # a wrong input changes every size
+    return FileCheck(found=(*found, *of_range, *of_all, *of_size, *look.shifts(said)))
 
 
 class _Look:

@@ -10,8 +10,9 @@ from typing import Any
 from vlab.cases.draft.logs import Log, LogClock, Part, check_length, choose_clock, divide, open_log
 from vlab.cases.draft.matching import LeftOut, Match, Matched, match_columns, unused_places
 from vlab.cases.draft.model import open_model, relative, without_column
-from vlab.cases.draft.text import case_text
+from vlab.cases.draft.text import case_text, jumps_of
 from vlab.cases.draft.unit_choice import CONFIRMED, choose_units, percent, residual_share
+from vlab.cases.draft.wraps import with_wraps
 from vlab.cases.places import joints_of
 from vlab.cases.written_out import natural_key
 from vlab.errors import BadCase
@@ -135,7 +136,7 @@ def draft_case(
     if not any(not match.is_input for match in matched.used):
         raise _no_output(read[0], opened.plant, matched, opened.hints)
     kept, aside = _alike(read, clock, matched.used)
-    channels = choose_units(read[0], clock, opened.plant, matched.used)
+    channels = choose_units(read[0], clock, opened.plant, with_wraps(kept, matched.used))
     clock, channels = _confirmed(read[0], clock, opened.plant, channels)
     parts = divide(kept, clock)
     remarks = [*again, *matched.unread, *aside, *opened.hints, *_doubts(opened.plant, channels)]
@@ -204,6 +205,7 @@ def _doubtful(channels: Sequence[Match]) -> list[str]:
         for m in channels
         if not m.is_place_sure
     ]
+    out += [f"{one_line(m.label)} is read with unwrap = true: {jumps_of(m)}" for m in channels if m.wraps]
     reasons: dict[str, list[str]] = {}
     for m in channels:
         if not m.is_unit_sure:

@@ -13,6 +13,7 @@ from scipy import signal
 
 from vlab import units
 from vlab.cases.draft.logs import Log
+from vlab.cases.draft.vector_sensors import VectorSensor, vector_sensor
 from vlab.cases.places import Suggestion, actuators_of, is_in_name, joints_of, numbered_from, suggest
 from vlab.files.text import in_line
 from vlab.plants.base import ActuatorTap, Plant
@@ -55,6 +56,10 @@ class Match:
         Whether names or values leave no doubt about place and role, and about the unit.
     scale : float or None
         Model unit per file unit, where the user must state the value.
+    wraps : int
+        Number of jumps by a full turn in all logs.
+    turn : str
+        Unit in which the jumps are a full turn; empty without jumps.
     """
 
     column: str
@@ -69,6 +74,8 @@ class Match:
     is_place_sure: bool = True
     is_unit_sure: bool = True
     scale: float | None = None
+    wraps: int = 0
+    turn: str = ""
 
     @property
     def is_sure(self) -> bool:
@@ -221,7 +228,10 @@ class _Matcher:
         names = dict.fromkeys((label, column.name))
         given = (suggest(name, self.plant, first=self.first, kind=column.kind) for name in names)
         found = next((place for place in given if place is not None), None)
-        if found is None:
+        vector = vector_sensor(self.plant, list(names), column.kind) if found is None else None
+        if vector is not None:
+            self._take_axis(column, vector)
+        elif found is None:
             self.unplaced.append(column)
         else:
             is_named = any(is_in_name(name, self._element(found)) for name in names)
@@ -265,6 +275,16 @@ class _Matcher:
             self._leave(label, f"it is {column.least:g} throughout")
             return
         self.candidates.append(match)
+
+    def _take_axis(self, column: ColumnOverview, vector: VectorSensor) -> None:
+        """Take the value of a vector sensor that moves, if it is one."""
+        if len(vector.moving) == 1:
+            found = Suggestion(at=vector.moving[0], kind=vector.kind, is_input=False)
+            self._take(column, found, "its name, and the only axis along which the model moves")
+            return
+        label = self.log.label(column.name)
+        self._leave(label, f"sensor {in_line(vector.name)!r} has several values")
+        self.unread.append(f"column {label!r} belongs to one of {', '.join(map(in_line, vector.names))}: name it so")
 
     def _element(self, found: Suggestion) -> list[str]:
         """Return the names of a place and of its joint."""

@@ -115,11 +115,17 @@ def _channel(match: Match) -> list[str]:
     if match.why_unit:
         notes["unit"] = match.why_unit if match.is_unit_sure else f"{CHECK}: {match.why_unit}"
     notes["scale"] = f"{CHECK}: model unit per file unit, such as the torque constant"
+    notes["unwrap"] = jumps_of(match)
     lines = [f"{key} = {toml_value(value)}" for key, value in keys.items()]
     said = [
         f"{line}  # {one_line(notes[key])}" if notes.get(key) else line for key, line in zip(keys, lines, strict=True)
     ]
     return ["[[channel]]", *said]
+
+
+def jumps_of(match: Match) -> str:
+    """Return the words on the jumps of a wrapped angle."""
+    return f"the column jumps by a full turn {match.wraps} time{'' if match.wraps == 1 else 's'}"
 
 
 def _left(left_out: Sequence[LeftOut]) -> list[str]:

@@ -96,7 +96,8 @@ def choose_units(log: Log, clock: LogClock, plant: Plant, used: Sequence[Match])
             out.append(replace(match, unit=unit, why_unit="the unit of the model" if unit else ""))
     left = {group: _inside(log, plant, [out[i] for i in members]) for group, members in groups.items()}
     said = {group: (units_left[0], why) for group, (units_left, why) in left.items() if len(units_left) == 1}
-    several = {group: units_left for group, (units_left, _) in left.items() if len(units_left) > 1}
+    said |= _by_turn(out, groups)
+    several = {g: units_left for g, (units_left, _) in left.items() if len(units_left) > 1 and g not in said}
     tried = _simulated(log, clock, plant, out, groups, said, several) if several else {}
     for group, members in groups.items():
         sure = group in said or group in tried
@@ -108,6 +109,16 @@ def choose_units(log: Log, clock: LogClock, plant: Plant, used: Sequence[Match])
         for i in members:
             out[i] = replace(out[i], unit=unit, why_unit=why, is_unit_sure=sure)
     return tuple(out)
+
+
+def _by_turn(matches: Sequence[Match], groups: Mapping[Group, Sequence[int]]) -> dict[Group, tuple[str, str]]:
+    """Return the units in which the jumps of wrapped angles are full turns."""
+    out = {}
+    for group, members in groups.items():
+        wrapped = next((matches[i] for i in members if matches[i].turn), None)
+        if wrapped is not None:
+            out[group] = (wrapped.turn, f"{wrapped.label!r} jumps by a full turn in {wrapped.turn}")
+    return out
 
 
 # ---- ranges of the model -----------------------------------------------------------------------------------------
@@ -226,10 +237,22 @@ def percent(share: float) -> str:
 
 
 def channel_keys(match: Match) -> dict[str, Any]:
-    """Return the keys of a column's table in the case."""
+    """Return the keys of a column's table in the case.
+
+    Parameters
+    ----------
+    match : Match
+        Column with its place and unit.
+
+    Returns
+    -------
+    dict of str to object
+        Values by key of ``[[channel]]``.
+    """
     keys: dict[str, Any] = {"column": match.label, "at": match.at, "kind": match.kind}
     keys |= {"unit": match.unit} if match.unit else {}
     keys |= {} if match.scale is None else {"scale": match.scale}
+    keys |= {"unwrap": True} if match.wraps else {}
     return keys | ({"input": True} if match.is_input else {})
 
 
@@ -249,7 +272,7 @@ def _by_size(
     largest = max(float(np.abs(_values(log, m)).max(initial=0.0)) for m in members)
     if si == "rad":
         if largest > TURN:
-            return "deg", f"values up to {largest:.4g} are more than a turn in rad"
+            return _radians(log, clock, plant, matches, members, largest)
         return "rad", f"values up to {largest:.4g} are less than a turn in rad"
     if si == "m":
         return _metres(log, clock, plant, matches, members, largest)
@@ -257,6 +280,28 @@ def _by_size(
     if si.startswith("rad/") and is_in_degrees:
         return si.replace("rad", "deg"), "the angles of the log are in degrees"
     return si, "the SI unit"
+
+
+def _radians(
+    log: Log, clock: LogClock, plant: Plant, matches: Sequence[Match], members: Sequence[Match], largest: float
+) -> tuple[str, str]:
+    """Return radians or degrees by the motion of the model, with reason.
+
+    An unlimited hinge may turn several times. Radians stay where both units fit, or none.
+    """
+    beyond = f"values up to {largest:.4g} are more than a turn in rad"
+    limits = [limits_of(plant, m.at, m.kind, is_input=m.is_input) for m in members]
+    if any(found is not None for found in limits):
+        return "deg", beyond
+    halfway = np.sqrt(units.factor("rad", "deg"))
+    sizes = {unit: _size_beside_model(log, clock, plant, matches, members, unit) for unit in CANDIDATES["rad"]}
+    fitting = [unit for unit, size in sizes.items() if size is not None and 1.0 / halfway < size < halfway]
+    if len(fitting) == 1:
+        return fitting[
+            0
+        ], f"{beyond}, and the motion in {fitting[0]} is {sizes[fitting[0]]:.2g} times that of the model"
+    both = "rad and deg both fit" if fitting else "the model moves as far neither in rad nor in deg"
+    return "rad", f"{beyond}, which the hinge may make; {both}, so state the unit"
 
 
 def _metres(
@@ -274,21 +319,25 @@ def _metres(
     if largest <= extent:
         return "m", f"values up to {largest:.4g} are less than the model's size of {extent:.3g} m"
     beyond = f"values up to {largest:.4g} are more than the model's size of {extent:.3g} m"
-    size = _size_beside_model(log, clock, plant, matches, members)
+    size = _size_beside_model(log, clock, plant, matches, members, "m")
     if size is None or size > HALFWAY:
         return "mm", beyond
     return "m", f"{beyond}, and the motion in m is {size:.2g} times that of the model; in mm they fit, too"
 
 
 def _size_beside_model(
-    log: Log, clock: LogClock, plant: Plant, matches: Sequence[Match], members: Sequence[Match]
+    log: Log, clock: LogClock, plant: Plant, matches: Sequence[Match], members: Sequence[Match], unit: str
 ) -> float | None:
-    """Return the largest motion in SI units over that of the model."""
-    tried = [m if m.unit else replace(m, unit=unit_of(plant, m)) for m in matches]
+    """Return the largest motion in a unit over that of the model."""
+    tried = [
+        replace(m, unit=unit) if m in members else m if m.unit else replace(m, unit=unit_of(plant, m)) for m in matches
+    ]
     both = _beside(log, clock, plant, tried)
     if both is None:
         return None
     run, own = both
-    recorded = {m.at: float(np.std(_values(log, m))) for m in members if not m.is_input}
-    sizes = {name: float(np.std(own[name])) for name in recorded if name in {c.channel for c in run.compared}}
-    return max((recorded[name] / size for name, size in sizes.items() if 0.0 < size < np.inf), default=None)
+    names = {m.at for m in members if not m.is_input} & {c.channel for c in run.compared}
+    sizes = {name: float(np.std(own[name])) for name in names}
+    return max(
+        (float(np.std(run.measured[name])) / size for name, size in sizes.items() if 0.0 < size < np.inf), default=None
+    )
