@@ -24,9 +24,7 @@ def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
     diagnosis = done.diagnosis
     errors = diagnosis.heldout
     is_nominal = any(c.stands == "nominal" for c in diagnosis.checked)
-    where = (
-        "recordings that were never used in the search" if diagnosis.is_held_out else "the recordings it was fitted to"
-    )
+    where = "recordings to which nothing was fitted" if diagnosis.is_held_out else "the recordings it was fitted to"
     if diagnosis.is_naming:
         names = " and ".join(f"{f.effect.replace('-', ' ')} at {f.site}" for f in diagnosis.findings)
         if diagnosis.verdict == "unknown-law":
