@@ -165,11 +165,14 @@ def test_one_posterior_mode_in_a_hundred_is_refuted_whatever_the_data_tell():
 def test_the_unexplained_share_bounds_the_probability():
     (one,) = graded([finding("coulomb-friction")], choice(coulomb_friction=0.9, added_mass=0.1), 0.6)
     assert one.probability == pytest.approx(0.54)
-    # hold-out data alone prefer the set, and need both effects
+    # hold-out data alone prefer the set, and need both effects; no posterior speaks for the set
     fitted = [hypothesis(name).terms[0] for name in ("coulomb-friction", "added-mass")]
     found = [finding(term.effect.name) for term in fitted]
     both = graded(found, choice(coulomb_friction=0.9, stop=0.1), 0.6, fitted=fitted)
-    assert [f.probability for f in both] == pytest.approx([0.54, 0.54])
+    assert [f.probability for f in both] == pytest.approx([0.54, 0.27])
+    # once hypotheses are refuted, the reserve for other physics weighs more
+    left = choice(coulomb_friction=0.04, added_mass=0.92).without([frozenset({"added-mass@joint:a"})])
+    assert graded([finding("coulomb-friction")], left, 0.6)[0].probability == pytest.approx(0.3)
     (of_data,) = graded([replace(finding("sensor-clipping"), probability=0.99)], choice(coulomb_friction=0.9), 0.6)
     assert of_data.probability == pytest.approx(0.6 * 0.99)  # read off the data, without rivals in the search
 

@@ -1,5 +1,7 @@
 """Starts of joints that dry friction holds away from the equilibrium."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rig_folder import Channel, Record, write_case
@@ -69,3 +71,17 @@ def test_without_friction_a_joint_begins_at_its_equilibrium(tmp_path):
     plant, run = run_of(tmp_path, 0.0, 0.0, 0.0, 1.0)
     state = find_initial_state(plant, run)
     assert (state.how, state.qpos[0]) == ("rest", 0.0)
+
+
+def test_a_start_stays_within_the_band_of_the_friction(tmp_path):
+    """Friction too weak to hold the joint explains no offset of its readings."""
+    plant, run = run_of(tmp_path, 0.01, 0.0, 0.0, 1.0)
+    data = run.measured.data.copy()
+    data[:, run.measured.index("joint:hinge")] += 0.008  # a sensor's zero
+    off = replace(run, measured=replace(run.measured, data=data))
+    assert find_initial_state(plant, off).qpos[0] == pytest.approx(0.01 / KP, rel=1e-3)
+
+
+def test_a_step_from_the_first_sample_starts_at_the_first_reading(tmp_path):
+    plant, run = run_of(tmp_path, FRICTION, 0.0, 0.0, 0.0)
+    assert find_initial_state(plant, run).qpos[0] == 0.0

@@ -1,22 +1,25 @@
 """Rest of joints that dry friction holds.
 
-Dry friction holds a joint anywhere within a band about its equilibrium, so the readings tell where the joint rests. A start at the
-equilibrium would be wrong by up to the friction over the stiffness.
+Dry friction holds a joint anywhere within a band about its equilibrium, so the readings tell where the joint rests. The band
+reaches as far as the friction over the stiffness. A joint without stiffness rests anywhere under every model, and starts alike.
 """
 
 from collections.abc import Mapping
 
+import mujoco
 import numpy as np
 
-from vlab.cases.channel_map import Run
 from vlab.cases.replay_bench import State
 from vlab.physics.running import AtPort
 from vlab.plants.base import Plant
 from vlab.signals import Array
 
+PROBE = 1e-4
+"""PROBE [rad or m]: displacement for the stiffness of a joint. Raising it averages over nonlinear springs."""
 
-def joints_held(plant: Plant) -> set[int]:
-    """Return the degrees of freedom on which dry friction or micro-slip acts.
+
+def friction_of_joints(plant: Plant) -> dict[int, float]:
+    """Return the dry friction on every joint that friction holds.
 
     Parameters
     ----------
@@ -25,49 +28,56 @@ def joints_held(plant: Plant) -> set[int]:
 
     Returns
     -------
-    set of int
-        Degrees of freedom, of MuJoCo's friction losses and of attached laws.
+    dict of int to float
+        Largest force [N or N m] by degree of freedom: MuJoCo's friction losses and attached laws of friction and micro-slip.
     """
-    held = set(np.flatnonzero(plant.model.dof_frictionloss > 0).tolist())
+    held = {int(dof): float(plant.model.dof_frictionloss[dof]) for dof in np.flatnonzero(plant.model.dof_frictionloss)}
     slips = [a for a in plant.physics if isinstance(a, AtPort) and a.effect.traits.is_slip]
     if slips:
         data = plant.new_data()
         for slip in slips:
-            held |= set(np.flatnonzero(slip.port.row(data)).tolist())
+            force = sum(float(slip.values.get(name, 0.0)) for name in ("force", "excess"))
+            row = slip.port.row(data)
+            for dof in np.flatnonzero(row):
+                held[int(dof)] = held.get(int(dof), 0.0) + abs(float(row[dof])) * force
     return held
 
 
-def held_rest(plant: Plant, run: Run, rest: State, deviations: Mapping[int, Array]) -> State:
-    """Return the state at rest, with the readings of joints that friction holds.
+def held_rest(plant: Plant, rest: State, deviations: Mapping[int, float]) -> State:
+    """Return the state at rest, with the first readings of joints that friction holds.
 
     Parameters
     ----------
     plant : Plant
         Plant with its effects.
-    run : Run
-        Recording that begins at rest.
     rest : State
         Equilibrium of the plant.
-    deviations : mapping of int to (n,) array
-        Readings from the equilibrium of the measured joints, by degree of freedom.
+    deviations : mapping of int to float
+        First readings from the equilibrium of the measured joints, by degree of freedom.
 
     Returns
     -------
     State
-        State. A reading is the mean over the samples before a command changes.
+        State; every joint stands at most at the end of its band.
     """
-    held = joints_held(plant) & set(deviations)
-    if not held:
+    friction = {dof: force for dof, force in friction_of_joints(plant).items() if dof in deviations}
+    if not friction:
         return rest
-    still = _still_samples(run)
     qpos, model = rest.qpos.copy(), plant.model
-    for dof in held:
-        qpos[model.jnt_qposadr[model.dof_jntid[dof]]] += float(np.mean(deviations[dof][:still]))
+    for dof, force in friction.items():
+        k = _stiffness(plant, rest, dof)
+        if k > 0.0:
+            qpos[model.jnt_qposadr[model.dof_jntid[dof]]] += float(np.clip(deviations[dof], -force / k, force / k))
     return State(qpos, rest.qvel)
 
 
-def _still_samples(run: Run) -> int:
-    """Return the number of samples before a command or force changes."""
-    inputs = np.column_stack([run.measured[drive.channel] for drive in run.drives])
-    changes = np.flatnonzero(np.any(inputs != inputs[0], axis=1))
-    return int(changes[0]) if changes.size else len(inputs)
+def _stiffness(plant: Plant, rest: State, dof: int) -> float:
+    """Return the stiffness [N/m or N m/rad] of a joint with its servo."""
+    model, data = plant.model, plant.new_data()
+    forces: list[Array] = []
+    for side in (-1.0, 1.0):
+        data.qpos[:], data.qvel[:] = rest.qpos, 0.0
+        data.qpos[model.jnt_qposadr[model.dof_jntid[dof]]] += side * PROBE
+        mujoco.mj_forward(model, data)
+        forces.append((data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias).copy())
+    return float(forces[0][dof] - forces[1][dof]) / (2.0 * PROBE)

@@ -14,7 +14,7 @@ from vlab.cases.channel_map import Run
 from vlab.physics.attached import AtActuator
 from vlab.physics.running import AtPort
 from vlab.plants.base import Plant
-from vlab.signals import Recording
+from vlab.signals import Recording, strung_together
 
 
 def remembers(plant: Plant) -> bool:
@@ -51,18 +51,7 @@ def from_file_start(run: Run) -> Run | None:
     """
     if run.before is None or run.start is not None or run.law is not None:
         return None
-    parts = (run.before, run.measured)
-    missing = None
-    if any(part.missing is not None for part in parts):
-        missing = np.concatenate(
-            [np.zeros(part.data.shape, dtype=bool) if part.missing is None else part.missing for part in parts]
-        )
-    whole = replace(
-        run.measured,
-        time=np.concatenate([part.time for part in parts]),
-        data=np.concatenate([part.data for part in parts]),
-        missing=missing,
-    )
+    whole = strung_together([run.before, run.measured])
     return replace(run, measured=whole, before=None, valid=None)
 
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from vlab.cases.channel_map import Compared, Drive, Law, Run, compared_with_sensors
 from vlab.cases.clock import plan_clock
-from vlab.cases.held_rest import held_rest, joints_held
+from vlab.cases.held_rest import friction_of_joints, held_rest
 from vlab.cases.linear_start import StartProblem, estimate_linear_start
 from vlab.cases.refined_start import refine, window_residual
 from vlab.cases.replay_bench import Bench, State, at_timestep, bench_for
@@ -144,8 +144,8 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
     starts_at_rest = bool(run.drives) and begins_at_rest(deviation, np.array(slow, dtype=bool), plant)
     if run.initial == "rest" or not compared or (run.initial == "auto" and starts_at_rest):
         joints = [joint_of(plant, c) for c in compared]
-        positions = {j[0]: column for j, column in zip(joints, deviation.T, strict=True) if j and j[1] == 0}
-        rest = held_rest(plant, run, rest, positions) if starts_at_rest else rest
+        positions = {j[0]: float(first) for j, first in zip(joints, deviation[0], strict=True) if j and j[1] == 0}
+        rest = held_rest(plant, rest, positions) if starts_at_rest else rest
         return InitialState(qpos=rest.qpos, qvel=rest.qvel, how="rest")
     linear = _linearised(plant, run, compared)
     samples = _window(run, np.zeros(0) if linear is None else linear.freq)
@@ -167,7 +167,7 @@ def find_initial_state(plant: Plant, run: Run, law: Law | None = None) -> Initia
     if linear is not None:
         best = _modal_estimate(problem, linear, offset, size, can_be_local=can_be_local)
     share = LOCAL if is_measured else HOPELESS
-    is_held = is_measured and bool(joints_held(plant))  # friction holds joints off the linear estimate
+    is_held = is_measured and bool(friction_of_joints(plant))  # friction holds joints off the linear estimate
     if can_be_local and (is_held or best.lost > share**2 * size):
         best = _local_estimate(problem, best, rest, offset, is_measured=is_measured)
     return InitialState(

@@ -129,12 +129,15 @@ class Attempt:
         Fit of the attempt.
     explains_fitted : bool
         Whether the attempt closes the gap on the fitted recordings, which counts where no hold-out recording shows it.
+    hypothesis : frozenset of str
+        Labels of the tried hypothesis, of which the fit may be a nested model; empty for those of the fit.
     """
 
     findings: tuple[Finding, ...]
     checked: tuple[Any, ...]
     fit: Fit
     explains_fitted: bool = True
+    hypothesis: frozenset[str] = frozenset()
 
     @property
     def name(self) -> str:

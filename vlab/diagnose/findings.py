@@ -138,7 +138,8 @@ def graded(
     parameters that refute the model, another error of the model is as likely as the effects, which halves the
     probabilities. Effects of the same family that are as probable join the indistinguishable ones, and the probability is
     that of all of them: fitted recordings may prefer one form of a law, and hold-out recordings another. Effects that only
-    hold-out data prefer as a set have the probability of their families, since these data need every one of them.
+    hold-out data prefer as a set have half of the probability of their families: no posterior speaks for the set itself.
+    After refutations, the reserve for physics outside the catalogue weighs against what is left.
 
     Parameters
     ----------
@@ -159,7 +160,7 @@ def graded(
         Findings with probabilities.
     """
     most = explained if is_plausible else 0.5 * explained
-    known = sum(p for h, p in choice.tried if h.terms)
+    known = choice.reserve + sum(p for h, p in choice.tried if h.terms)
     shares: dict[str, float] = {}
     for h, p in choice.tried:
         for name in {t.effect.physics for t in h.terms}:
@@ -178,7 +179,7 @@ def graded(
         alike = tuple(dict.fromkeys([*finding.alike, *rivals]))
         names = {finding.effect, *alike}
         of_any = sum(p for h, p in choice.tried if names & {t.effect.physics for t in h.terms}) / max(known, 1e-300)
-        of_any = of_set if finding.effect in together else of_any
+        of_any = 0.5 * of_set if finding.effect in together else of_any
         out.append(replace(finding, probability=most * max(own, of_any), alike=alike))
     return tuple(out)
 

@@ -92,11 +92,14 @@ def estimate_noise(run: Run, channel: str) -> NoiseEstimate:
 
 
 def is_motion(run: Run, channel: str) -> bool:
-    """Return whether a channel is a displacement or a velocity.
+    """Return whether a channel is a displacement or a velocity, under held inputs alone.
 
-    Neither can answer the present input.
+    Neither can answer the present input that is held from its sample; an input that varies up to its sample can act before.
     """
-    return ORDER.get(run.measured.channels[run.measured.index(channel)].kind, 2) < 2
+    return (
+        all(drive.is_held for drive in run.drives)
+        and ORDER.get(run.measured.channels[run.measured.index(channel)].kind, 2) < 2
+    )
 
 
 def noise_levels(run: Run, names: Sequence[str]) -> Array:

@@ -33,6 +33,8 @@ class Choice:
         Log posterior gain over the calibrated model beyond the threshold [nat].
     is_prior_driven : bool
         Whether the gain is mostly prior density of the uncertain parameters, or their prior density alone is enough.
+    reserve : float
+        Probability of physics outside the catalogue beside those of the hypotheses, once some are refuted [1].
     """
 
     best: Hypothesis
@@ -43,6 +45,7 @@ class Choice:
     shares: Mapping[str, float] = field(default_factory=dict)
     gained: float = 0.0
     is_prior_driven: bool = False
+    reserve: float = 0.0
 
     @property
     def tried(self) -> tuple[tuple[Hypothesis, float], ...]:
@@ -71,6 +74,7 @@ class Choice:
             alike=tuple(h for h in self.alike if is_left(h)),
             probability=self.probability if is_left(self.best) else 0.0,
             ranking=tuple((h, p if is_left(h) else 0.0) for h, p in self.ranking),
+            reserve=MODEL_CHOICE.lapse if refuted else self.reserve,
         )
 
 

@@ -128,7 +128,8 @@ class Trials:
             Attempt.
         """
         fit = replace(hypothesis.long_fit, terms=hypothesis.long_fit.nested_model(effects))
-        return self.of(fit, findings_of_attempt(hypothesis, fit, self.problem))
+        attempt = self.of(fit, findings_of_attempt(hypothesis, fit, self.problem))
+        return replace(attempt, hypothesis=_labels(hypothesis.terms))
 
     def plainest(
         self,
@@ -294,7 +295,7 @@ def best_attempt(
     left = ATTEMPT.most_attempts + 1
     for attempt in chain([first] if first.findings else [], islice(others, left + MODEL_CHOICE.ranked)):
         is_out = _is_refuted(attempt)
-        refuted |= {_labels(attempt.fit.terms)} if is_out else set()
+        refuted |= {attempt.hypothesis or _labels(attempt.fit.terms)} if is_out else set()
         tried.append(attempt)
         left -= not is_out
         if left == 0 or (is_partial(attempt) and explains_most(attempt.checked)):

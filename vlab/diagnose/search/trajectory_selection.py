@@ -104,7 +104,7 @@ def search_moving(
             whole = windows = exact
             before, hypotheses = bare, others
     elif hypotheses and _leave_much([before]):
-        windows, whole, before, hypotheses = _with_smaller_error(windows, whole, before, hypotheses)
+        windows, whole, before, hypotheses = _with_smaller_error(windows, whole, before, hypotheses, deadline)
     report(0.9, "adding effects")
     enough = SELECTION.explains * floor_of(whole)
     selection = ForwardSelection(
@@ -130,6 +130,7 @@ def _with_smaller_error(
     whole: TrajectoryLeastSquares,
     before: Hypothesis,
     hypotheses: list[Hypothesis],
+    deadline: Deadline,
 ) -> tuple[TrajectoryLeastSquares, TrajectoryLeastSquares, Hypothesis, list[Hypothesis]]:
     """Return fits and hypotheses with as small a model error as an effect shows.
 
@@ -144,22 +145,26 @@ def _with_smaller_error(
         Calibrated model, which does not explain the recordings.
     hypotheses : list of Hypothesis
         Hypotheses by score; the best one explains the recordings.
+    deadline : Deadline
+        End of the time for further fits.
 
     Returns
     -------
     tuple
-        The arguments, with the smaller error.
+        The first four arguments, with the smallest error at which a hypothesis explains the recordings.
     """
-    while not _leave_much(hypotheses):
+    while not deadline.is_past:
         model_error = SELECTION.finer * whole.model_error
         if model_error < PROBLEM.integration_error:
             break
-        windows, whole = (
+        finer, fine = (
             TrajectoryLeastSquares(whole.moving, whole=is_whole, model_error=model_error) for is_whole in (False, True)
         )
-        again = partial(_refitted, whole, windows)
         leading = near_best(hypotheses)
-        before, *fits = side_by_side(again, [before, *leading])
+        bare, *fits = side_by_side(partial(_refitted, fine, finer), [before, *leading])
+        if _leave_much(fits):
+            break  # the model errs by more than this
+        windows, whole, before = finer, fine, bare
         hypotheses = by_score(fits, changed_alike(hypotheses[len(leading) :], leading, fits))
     return windows, whole, before, hypotheses
 

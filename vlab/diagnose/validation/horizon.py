@@ -12,6 +12,7 @@ import numpy as np
 
 from vlab.cases.channel_map import Run
 from vlab.diagnose.settings import VALIDATION
+from vlab.signals import Recording, strung_together
 
 
 def parts_of(run: Run, count: int) -> list[Run]:
@@ -38,13 +39,21 @@ def parts_of(run: Run, count: int) -> list[Run]:
             replace(
                 run,
                 measured=run.measured.rows(slice(start, stop)),
-                before=run.before if start == 0 else run.measured.rows(slice(0, start)),
+                before=_before(run, start),
                 initial=run.initial if start == 0 else "estimated",
                 start=run.start if start == 0 else None,
                 valid=None if run.valid is None else run.valid[start:stop],
             )
         )
     return out
+
+
+def _before(run: Run, start: int) -> Recording | None:
+    """Return the samples of the file before a part."""
+    if start == 0:
+        return run.before
+    own = run.measured.rows(slice(0, start))
+    return own if run.before is None else strung_together([run.before, own])
 
 
 def can_be_halved(run: Run, count: int) -> bool:

@@ -470,7 +470,7 @@ def _log_ratios(
         below((model.data - run.measured.data)[:, columns] * read, run.measured.sample_period, band_hz)[kept] / scale
         for model in (without, extended)
     ]
-    return block_log_ratios(errors[0], errors[1], VALIDATION.blocks, noise)
+    return block_log_ratios(errors[0], errors[1], VALIDATION.blocks, np.nan_to_num(noise) if np.isinf(band_hz) else 0.0)
 
 
 def _try(model: ExtendedModel | None, run: Run) -> Array | None:
