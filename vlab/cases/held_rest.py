@@ -36,7 +36,7 @@ def friction_of_joints(plant: Plant) -> dict[int, float]:
     if slips:
         data = plant.new_data()
         for slip in slips:
-            force = sum(float(slip.values.get(name, 0.0)) for name in ("force", "excess"))
+            force = sum(float(slip.values[p.name]) for p in slip.effect.parameters if p.unit == "N")
             row = slip.port.row(data)
             for dof in np.flatnonzero(row):
                 held[int(dof)] = held.get(int(dof), 0.0) + abs(float(row[dof])) * force
@@ -44,7 +44,7 @@ def friction_of_joints(plant: Plant) -> dict[int, float]:
 
 
 def held_rest(plant: Plant, rest: State, deviations: Mapping[int, float]) -> State:
-    """Return the state at rest, with the first readings of joints that friction holds.
+    """Return the rest, with the first readings of held joints.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def held_rest(plant: Plant, rest: State, deviations: Mapping[int, float]) -> Sta
 
 
 def _stiffness(plant: Plant, rest: State, dof: int) -> float:
-    """Return the stiffness [N/m or N m/rad] of a joint with its servo."""
+    """Return a joint's stiffness, its servo included [N/m or N m/rad]."""
     model, data = plant.model, plant.new_data()
     forces: list[Array] = []
     for side in (-1.0, 1.0):

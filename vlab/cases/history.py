@@ -56,7 +56,7 @@ def from_file_start(run: Run) -> Run | None:
 
 
 def early_error(run: Run, simulated: Recording, window_s: float) -> float:
-    """Return the mean-square error of the first samples, over the variance of each channel.
+    """Return the mean-square error of the first samples over the variance.
 
     Parameters
     ----------

@@ -377,7 +377,7 @@ def _data_of(diagnosis: Diagnosis) -> str:
 
 
 def _calibration(diagnosis: Diagnosis, removed: float) -> str:
-    """Return the share of the error that calibration removes, with the largest factors on parameters."""
+    """Return what calibration removes, with the largest factors."""
     largest = sorted(diagnosis.calibration.items(), key=lambda item: -abs(item[1]))[:MOST_FACTORS]
     factors = ", ".join(f"{in_line(name)} x {in_digits(float(np.exp(value)))}" for name, value in largest)
     shown = f" ({factors})" if factors else ""

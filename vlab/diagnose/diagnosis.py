@@ -155,7 +155,7 @@ class Attempt:
 
     @property
     def is_of_the_fit_alone(self) -> bool:
-        """Whether the attempt explains fitted recordings, without a detectable effect on hold-out recordings."""
+        """Whether the attempt explains fitted recordings, and no hold-out shows it."""
         return self.explains_fitted and bool(self.checked) and all(c.is_idle for c in self.checked)
 
     def to_json(self) -> dict[str, Any]:

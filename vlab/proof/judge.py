@@ -129,7 +129,7 @@ def judge(truth: dict[str, Any], answer: dict[str, Any]) -> Judged:
 
 
 def _with_added(hidden: dict[str, Any], findings: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return a hidden effect, as one of the library where a finding names an effect that came later."""
+    """Return a hidden effect, accepted if a finding names a later effect."""
     name = ADDED_SINCE.get(hidden["effect"])
     is_named = not hidden["accepted"] and any(f["effect"] == name for f in findings)
     return {**hidden, "accepted": [name]} if is_named else hidden

@@ -92,9 +92,9 @@ def estimate_noise(run: Run, channel: str) -> NoiseEstimate:
 
 
 def is_motion(run: Run, channel: str) -> bool:
-    """Return whether a channel is a displacement or a velocity, under held inputs alone.
+    """Return whether a channel is a motion under held inputs.
 
-    Neither can answer the present input that is held from its sample; an input that varies up to its sample can act before.
+    Neither displacement nor velocity can answer the present input that is held from its sample; an input that varies up to its sample can act before.
     """
     return (
         all(drive.is_held for drive in run.drives)

@@ -154,20 +154,7 @@ class ForwardSelection:
         return side_by_side(lambda c: self.fitted([*seed.long_fit.terms, *terms_of([c])], seed.long_fit), chosen)
 
     def fitted(self, terms: Sequence[Term], start: Fit) -> Hypothesis:
-        """Fit effects to whole runs and in windows.
-
-        Parameters
-        ----------
-        terms : sequence of Term
-            Effects at locations.
-        start : Fit
-            Fit to start from.
-
-        Returns
-        -------
-        Hypothesis
-            Hypothesis scored on both.
-        """
+        """See `fitted_on_both`."""
         return fitted_on_both(self.whole, self.windows, terms, start)
 
     def _pool(self) -> list[Candidate]:
@@ -254,7 +241,7 @@ def laws_in_all_joints(candidates: Sequence[Candidate]) -> list[list[Candidate]]
 
 
 def _forms_of_best(forms: Sequence[list[Candidate]]) -> list[list[Candidate]]:
-    """Return the best law of a family, its equals and the plainest law.
+    """Return a family's best law, its equals and the plainest law.
 
     Parameters
     ----------

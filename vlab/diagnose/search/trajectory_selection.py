@@ -95,16 +95,9 @@ def search_moving(
     (before,) = on_whole_runs(whole, narrow, [before])
     of_count = [[h for h in hypotheses if len(h.terms) == n] for n in sorted({len(h.terms) for h in hypotheses})]
     hypotheses = by_score(*(on_whole_runs(whole, narrow, some) for some in of_count))
-    windows = narrow
-    if _leave_much(hypotheses) and not deadline.is_past:
-        report(0.88, "fitting in MuJoCo")
-        exact, bare, others = _in_mujoco(screen, before, hypotheses)
-        linear = scored_by(whole, hypotheses[0].long_fit)
-        if others[0].normalised_residual < linear.normalised_residual:  # elsewhere the corrections do not converge
-            whole = windows = exact
-            before, hypotheses = bare, others
-    elif hypotheses and _leave_much([before]):
-        windows, whole, before, hypotheses = _with_smaller_error(windows, whole, before, hypotheses, deadline)
+    if not deadline.is_past:
+        report(0.88, "fitting about the best hypothesis")
+    windows, whole, before, hypotheses = _about_the_best(narrow, whole, before, hypotheses, deadline)
     report(0.9, "adding effects")
     enough = SELECTION.explains * floor_of(whole)
     selection = ForwardSelection(
@@ -125,6 +118,30 @@ def search_moving(
     )
 
 
+def _about_the_best(
+    windows: TrajectoryLeastSquares,
+    whole: TrajectoryLeastSquares,
+    before: Hypothesis,
+    hypotheses: list[Hypothesis],
+    deadline: Deadline,
+) -> tuple[TrajectoryLeastSquares, TrajectoryLeastSquares, Hypothesis, list[Hypothesis]]:
+    """Return fits and hypotheses in MuJoCo, or with a smaller error.
+
+    MuJoCo counts where every hypothesis leaves more than the linear system's noise and error, the smaller error where one
+    explains what calibration leaves.
+    """
+    if deadline.is_past or not hypotheses:
+        return windows, whole, before, hypotheses
+    if _leave_much(hypotheses):
+        exact, bare, others = _in_mujoco(whole.moving, before, hypotheses)
+        linear = scored_by(whole, hypotheses[0].long_fit)
+        if others[0].normalised_residual < linear.normalised_residual:  # elsewhere the corrections do not converge
+            return exact, exact, bare, others
+    elif _leave_much([before]):
+        return _with_smaller_error(windows, whole, before, hypotheses, deadline)
+    return windows, whole, before, hypotheses
+
+
 def _with_smaller_error(
     windows: TrajectoryLeastSquares,
     whole: TrajectoryLeastSquares,
@@ -132,7 +149,7 @@ def _with_smaller_error(
     hypotheses: list[Hypothesis],
     deadline: Deadline,
 ) -> tuple[TrajectoryLeastSquares, TrajectoryLeastSquares, Hypothesis, list[Hypothesis]]:
-    """Return fits and hypotheses with as small a model error as an effect shows.
+    """Return fits and hypotheses with a smaller model error.
 
     The allowed model error is an upper bound. An effect that explains the recordings shows that the model errs less. Under
     too large an error small effects hide, and the prior of the uncertain parameters weighs too much.

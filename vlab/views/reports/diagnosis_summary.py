@@ -56,14 +56,11 @@ def verdict_sentence(done: Diagnosed | FrequencyDiagnosed) -> str:
     if diagnosis.verdict == "none-of-these":
         left = _ratio(errors["nrmse_before"], errors["nrmse_noise"])
         how = "nominal or calibrated" if is_nominal else "calibrated"
-        removed = (
-            ""
-            if diagnosis.calibrated is None
-            else (
-                f" Calibration alone removes {100 * diagnosis.calibrated:.3g} % of the nominal model's mean-square error."
-            )
-        )
-        return f"The residual of the {how} model is {left} on {where}; no effect of the catalogue explains it.{removed}"
+        sentence = f"The residual of the {how} model is {left} on {where}; no effect of the catalogue explains it."
+        if diagnosis.calibrated is None:
+            return sentence
+        removed = share(diagnosis.calibrated)
+        return f"{sentence} Calibration alone removes {removed} of the nominal model's mean-square error."
     return "The recordings are damaged, so the model was not judged."
 
 
