@@ -18,6 +18,7 @@ from vlab.cases.simulate import simulate
 from vlab.errors import BadExperiment
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import effect_named
+from vlab.plants.contacts import IS_COUNTED, contact_count, pairs_that_can_touch
 
 
 def both(rig, effects, monkeypatch):
@@ -105,17 +106,77 @@ def test_channels_at_ports_follow_the_kinematics(tmp_path, monkeypatch):
     assert np.std(bare[:, -1]) > 1e-3
 
 
-def test_a_model_whose_geoms_can_touch_stays_in_python():
-    geoms = {"free": "", "together": '<geom size=".1"/>'}
-    for name, geom in geoms.items():
-        body = '<body><joint type="slide"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{}</body>'
-        text = f"<mujoco><worldbody>{body.format(geom)}{body.format(geom)}</worldbody></mujoco>"
-        plant = SimpleNamespace(model=mujoco.MjModel.from_xml_string(text), restoring=None)
-        assert compiled_replay.can_compile(plant, ()) is (name == "free")
-    nested = '<mujoco><worldbody><body><joint/><geom size=".1"/><body pos="0 0 .1"><joint/><geom size=".1"/></body></body></worldbody></mujoco>'
-    assert compiled_replay.can_compile(
-        SimpleNamespace(model=mujoco.MjModel.from_xml_string(nested), restoring=None), ()
-    )
+NESTED = """<mujoco><worldbody><body><joint/><geom size=".1"/><body pos="0 0 .1"><joint/><geom size=".1"/></body></body>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("options", "geom", "pairs", "can"),
+    [
+        ("", "", 0, True),
+        ("", '<geom size=".1"/>', 1, True),
+        ("", '<geom size=".1"/>' * 10, 100, False),  # too many may meet at once for the memory
+        ('<option solver="PGS"/>', '<geom size=".1"/>', 1, False),
+        ('<option solver="PGS"><flag contact="disable"/></option>', '<geom size=".1"/>', 0, True),
+    ],
+)
+def test_models_whose_first_contacts_fit_into_memory_run_in_compiled_code(options, geom, pairs, can):
+    body = '<body><joint type="slide"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{}</body>'
+    size = '<size memory="5M"/>'
+    text = f"<mujoco>{size}{options}<worldbody>{body.format(geom)}{body.format(geom)}</worldbody></mujoco>"
+    model = mujoco.MjModel.from_xml_string(text)
+    assert pairs_that_can_touch(model) == pairs
+    assert compiled_replay.can_compile(SimpleNamespace(model=model, restoring=None), ()) is can
+
+
+def test_neighbours_cannot_touch():
+    assert pairs_that_can_touch(mujoco.MjModel.from_xml_string(NESTED)) == 0
+
+
+def test_the_number_of_contacts_is_that_of_mujoco():
+    ball = '<body pos="{} 0 0"><freejoint/><geom size=".1"/></body>'
+    text = f"<mujoco><worldbody>{''.join(ball.format(0.15 * i) for i in range(6))}</worldbody></mujoco>"
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    assert IS_COUNTED
+    seen = contact_count(data)
+    for height in (0.0, 1.0, 0.0):
+        data.qpos[7 * 2 + 2] = height
+        mujoco.mj_fwdPosition(model, data)
+        assert seen[0] == data.ncon == (5 if height == 0.0 else 3)
+
+
+@pytest.mark.parametrize("gap", [0.02, 10.0])
+def test_a_run_ends_in_python_where_geoms_touch(gap, tmp_path, monkeypatch):
+    """A ball of the first body meets a wall on its way, or does not."""
+    _chain_case(tmp_path, "slide", 5e-4, "implicitfast")
+    (model,) = tmp_path.glob("*.xml")
+    text = model.read_text()
+    first = text.index("<body")
+    wall = f'<geom type="box" size=".1 .1 .1" pos="{0.1 + 0.05 + gap} 0 0"/>'
+    inside = text.index(">", text.index("<joint", first)) + 1
+    ball = '<geom type="sphere" size=".05" mass="0"/>'
+    model.write_text(text[:first] + wall + text[first:inside] + ball + text[inside:])
+    case = load_case(tmp_path)
+    if pairs_that_can_touch(case.plant.model) == 0:
+        case.plant.model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    assert pairs_that_can_touch(case.plant.model) == 1
+    plant = attach(case.plant, [Attached(effect_named("bouc-wen"), *PORT_VALUES["bouc-wen"])])
+    (run, *_) = case.runs(("fit",))
+    start = InitialState(qpos=plant.rest, qvel=np.full(plant.model.nv, 1.0), how="given")
+    finished, inside = [], compiled_replay.replay_compiled
+
+    def watched(*args):
+        done = inside(*args)
+        finished.append(done)
+        return done
+
+    monkeypatch.setattr(compiled_replay, "replay_compiled", watched)
+    here = simulate(plant, run, initial=start).recording.data
+    monkeypatch.setattr(compiled_replay, "can_compile", lambda plant, ports: False)
+    there = simulate(plant, run, initial=start).recording.data
+    assert bool(finished) is (gap > 1.0)
+    assert here == pytest.approx(there, rel=1e-9, abs=1e-11 * np.abs(there).max())
 
 
 def test_a_foreign_callback_is_refused():

@@ -28,6 +28,7 @@ from vlab.physics.compiled_ports import (
 from vlab.physics.running import Running
 from vlab.plants.base import Plant, Port, check_run
 from vlab.plants.compiled_steps import IS_AVAILABLE, c_function, first_half, second_half
+from vlab.plants.contacts import first_contacts_fit
 from vlab.signals import Array
 
 LEAST_MEMORY = 2**20
@@ -167,9 +168,8 @@ def can_compile(plant: Plant, loaded: Sequence[Port]) -> bool:
     model = plant.model
     is_stepped = model.opt.integrator != RUNGE_KUTTA or _has_only_smooth_forces(plant)
     has_rest = plant.restoring is None or model.nq == model.nv
-    return (
-        IS_AVAILABLE and is_stepped and has_rest and not _can_touch(model) and all(port.is_constant for port in loaded)
-    )
+    has_constant_loads = all(port.is_constant for port in loaded)
+    return IS_AVAILABLE and is_stepped and has_rest and has_constant_loads and first_contacts_fit(model)
 
 
 def _has_only_smooth_forces(plant: Plant) -> bool:
@@ -184,24 +184,6 @@ def _has_only_smooth_forces(plant: Plant) -> bool:
     has_matrices = plant.dissipation is not None or plant.restoring is not None
     has_states = bool(model.na or model.nhistory or model.nplugin)
     return not (is_rubbed or is_limited or has_matrices or has_states or model.neq)
-
-
-def _can_touch(model: Any) -> bool:
-    """Return whether contacts are possible.
-
-    Their memory has no bound that is known before the run.
-    """
-    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
-        return False
-    if model.npair or model.nflex:
-        return True
-    body = model.body_weldid[model.geom_bodyid]
-    parent = model.body_weldid[model.body_parentid[body]]
-    meets = (model.geom_contype[:, None] & model.geom_conaffinity) != 0
-    meets &= body[:, None] != body
-    if not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT:  # neighbours do not touch
-        meets &= ~((body[:, None] != 0) & (body != 0) & ((body[:, None] == parent) | (parent[:, None] == body)))
-    return bool(np.any(meets))
 
 
 def replay_compiled(
@@ -240,7 +222,8 @@ def replay_compiled(
     Raises
     ------
     NotSafe
-        The model has too little memory.
+        The model has too little memory, or geoms touch: the memory of contacts has no bound that is known before the
+        run.
     BadExperiment
         A foreign control callback is installed.
     Diverged
@@ -327,13 +310,13 @@ def run_compiled(
     Raises
     ------
     NotSafe
-        More than half of the model's memory was used.
+        Geoms touch, or more than half of the model's memory was used.
     """
     data, copy = pair
     if model.narena < LEAST_MEMORY or 2 * data.maxuse_arena > model.narena:
         raise NotSafe
     is_runge_kutta = bool(model.opt.integrator == RUNGE_KUTTA)
-    _run(
+    has_touched = _run(
         (model._address, data._address, copy._address),
         (Views.of(data), Views.of(copy)),
         ports,
@@ -349,7 +332,7 @@ def run_compiled(
     if is_runge_kutta:
         steps = len(inputs.forces) // max(len(records.raw) - 1, 1)
         data.time += (min(span[1], len(records.raw) - 1) - span[0]) * steps * model.opt.timestep
-    if 2 * data.maxuse_arena > model.narena:
+    if has_touched or 2 * data.maxuse_arena > model.narena:
         raise NotSafe
 
 
@@ -420,7 +403,8 @@ def _run(
     times: tuple[float, float, float],
     reads_forces: bool,
     is_runge_kutta: bool,
-) -> None:  # pragma: no cover - compiled
+) -> bool:  # pragma: no cover - compiled
+    """Take the steps of a span; end and return true where geoms touch."""
     model, data, copy = addresses
     view, seen = views
     time, h, ahead = times
@@ -445,6 +429,8 @@ def _run(
             _sensor_position(model, copy)
             _fwd_velocity(model, copy)
             _sensor_velocity(model, copy)
+        if seen.contacts[0] > 0:
+            return True
         if sums.address.size == 0:
             for i in range(records.raw.shape[1]):
                 records.raw[k, i] = seen.sensordata[i]
@@ -461,6 +447,8 @@ def _run(
         for step in range(k * steps, (k + 1) * steps):
             _apply(view, m, inputs.forces[step], inputs.loads[step], moved)
             first_half(model, data)
+            if view.contacts[0] > 0:
+                return True
             if n_ports > 0:
                 add_port_forces(model, data, view, ports, inputs.forces[step], time, keep)
             if is_runge_kutta:
@@ -468,3 +456,4 @@ def _run(
             else:
                 second_half(model, data)
             time += h
+    return False

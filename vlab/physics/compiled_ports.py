@@ -25,6 +25,7 @@ from vlab.physics.expression import trace_expression
 from vlab.physics.port_lines import PortLines, command_of
 from vlab.plants.base import ONE_WAY, Plant
 from vlab.plants.compiled_steps import c_function
+from vlab.plants.contacts import contact_count
 from vlab.signals import Array
 
 PROBE = 0.01
@@ -45,6 +46,7 @@ class Views(NamedTuple):
     applied: Array
     smooth: Array
     sensordata: Array
+    contacts: Array
 
     @classmethod
     def of(cls, data: Any) -> "Views":
@@ -69,6 +71,7 @@ class Views(NamedTuple):
             data.qfrc_applied,
             data.qfrc_smooth,
             data.sensordata,
+            contact_count(data),
         )
 
 
