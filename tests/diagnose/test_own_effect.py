@@ -14,17 +14,18 @@ RIG = """<mujoco><option timestep="0.001" integrator="RK4" gravity="0 0 0"/><wor
 <body name="cart"><joint name="slide" type="slide" axis="1 0 0" stiffness="{k}" damping="{c}"/><geom size="0.1" mass="{m}"/></body>
 </worldbody><actuator><motor name="motor" joint="slide"/></actuator>
 <sensor><jointpos name="encoder" joint="slide"/></sensor></mujoco>"""
-M, C, K, FORCE, PITCH = 1.0, 2.0, 300.0, 1.5, 0.03
+M, C, K, FORCE, SPEED = 1.0, 2.0, 300.0, 1.5, 0.1
 RATE, SECONDS = 200.0, 8.0
-OWN = f"{asset('examples/cogging.py')}:Cogging"
+OWN = f"{asset('examples/magnetic_brake.py')}:MagneticBrake"
 
 
 def moved(push):
-    """Integrate the cart with its cogging by a method of order 8."""
+    """Integrate the cart with its brake by a method of order 8."""
     t = np.arange(round(RATE * SECONDS)) / RATE
 
     def slope(time, x):
-        return [x[1], (push(time) - K * x[0] - C * x[1] - FORCE * np.sin(2 * np.pi * x[0] / PITCH)) / M]
+        brake = 2 * FORCE * (x[1] / SPEED) / (1 + (x[1] / SPEED) ** 2)
+        return [x[1], (push(time) - K * x[0] - C * x[1] - brake) / M]
 
     return t, solve_ivp(slope, (0, SECONDS), [0.0, 0.0], method="DOP853", t_eval=t, rtol=1e-9, atol=1e-12).y[0]
 
@@ -33,8 +34,8 @@ def test_an_effect_of_ones_own_is_listed(capsys):
     status, text, _ = run(capsys, "effects", OWN, "--json")
     assert status == 0
     (entry,) = json.loads(text)
-    assert entry["name"] == "cogging"
-    assert [p["name"] for p in entry["parameters"]] == ["force", "pitch"]
+    assert entry["name"] == "magnetic-brake"
+    assert [p["name"] for p in entry["parameters"]] == ["force", "speed"]
 
 
 def test_an_effect_of_ones_own_needs_a_name_of_its_own(capsys):
@@ -56,16 +57,17 @@ def test_an_effect_of_ones_own_is_found(capsys, tmp_path):
         Channel(column="x", at="encoder", kind="displacement", unit="m"),
     ]
     mjcf, uncertain = RIG.format(k=K, c=C, m=M), {"stiffness": 0.02, "damping": 0.2, "mass": 0.02, "gain": 0.02}
-    write_case(tmp_path, title="", mjcf=mjcf, uncertain=uncertain, channels=channels, records=records)
-    out = tmp_path.with_name("out")
-    status, text, _ = run(capsys, "diagnose", str(tmp_path), "--effect", OWN, "--json", "--out", str(out))
+    case, out = tmp_path / "case", tmp_path / "out"
+    case.mkdir()
+    write_case(case, title="", mjcf=mjcf, uncertain=uncertain, channels=channels, records=records)
+    status, text, _ = run(capsys, "diagnose", str(case), "--effect", OWN, "--json", "--out", str(out))
     assert status == 0
     found = json.loads(text)
     assert found["verdict"] == "missing-physics"
-    assert found["findings"][0]["effect"] == "cogging"
+    assert found["findings"][0]["effect"] == "magnetic-brake"
     assert found["findings"][0]["place"] == "joint:slide"
     parameters = found["findings"][0]["parameters"]
-    assert parameters["pitch"]["value"] == pytest.approx(PITCH, rel=0.02)
+    assert parameters["speed"]["value"] == pytest.approx(SPEED, rel=0.1)
     assert parameters["force"]["value"] == pytest.approx(FORCE, rel=0.05)  # the motor's gain is 2 % uncertain
     assert found["heldout"]["gap_closed"] > 0.9
-    assert "cogging is an effect of your own" in (out / "report.html").read_text()
+    assert "magnetic-brake is an effect of your own" in (out / "report.html").read_text()

@@ -157,6 +157,7 @@ PORT_VALUES: dict[str, tuple[str, dict[str, float]]] = {
     "one-sided-stiffness": ("joint:a", {"stiffness": 400.0, "gap": 3e-3}),
     "force-offset": ("joint:b", {"force": 2.0}),
     "sinusoidal-force": ("joint:b", {"sine": 1.0, "cosine": 0.7, "frequency": 6.0}),
+    "cogging": ("joint:a", {"sine": 2.0, "cosine": -1.0, "pitch": 6e-3}),
     "jenkins-slip": ("joint:a", {"force": 2.0, "slip": 4e-3}),
     "iwan-slip": ("joint:a", {"force": 2.0, "limit": 8e-3, "exponent": 0.6}),
     "bouc-wen": ("joint:a", {"force": 2.0, "yield": 4e-3}),

@@ -84,8 +84,8 @@ def test_a_family_of_a_known_name_must_have_its_traits():
 
 
 def test_traits_of_an_unlisted_family_are_the_plain_ones():
-    cogging = effect_named(f"{EXAMPLES}/cogging.py:Cogging")
-    assert cogging.traits == Family(name="cogging")
+    brake = effect_named(f"{EXAMPLES}/magnetic_brake.py:MagneticBrake")
+    assert brake.traits == Family(name="eddy-currents")
 
 
 def test_needs_of_a_place_follow_the_family(toy):

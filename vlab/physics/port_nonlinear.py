@@ -350,3 +350,37 @@ class SinusoidalForce(PortEffect):
         """See `PortEffect`."""
         phase = 2 * np.pi * p["frequency"] * step.t
         return p["sine"] * np.sin(phase) + p["cosine"] * np.cos(phase) + 0.0 * z, memory
+
+
+class Cogging(PortEffect):
+    """The pull of a motor's magnets towards its teeth.
+
+    The harmonic drive, gear or screw between motor and joint shortens the pitch at the joint.
+    """
+
+    name = "cogging"
+    family = "actuator-position"
+    law = "F = a sin(2 pi z/p) + b cos(2 pi z/p)"
+    words = "a force that repeats with the position: magnets over teeth of a motor, eccentric gears, errors of a screw"
+    confirmed_by = "the joint moved slowly at two constant velocities: the force must repeat with the position"
+    parameters: ClassVar = (
+        Parameter(name="sine", unit="N", low=1e-6, high=1e4, signed=True),
+        Parameter(name="cosine", unit="N", low=1e-6, high=1e4, signed=True),
+        Parameter(
+            name="pitch",
+            unit="m",
+            low=0.02,
+            high=1.0,
+            role="shape",
+            reference="travel",
+            grid=(1.0,),
+            scan="pitch",
+            words="position over which the force repeats",
+        ),
+    )
+    needs = ("coil",)
+
+    def force(self, z: Any, v: Any, p: Values, step: Step, memory: Any) -> tuple[Any, Any]:
+        """See `PortEffect`."""
+        phase = 2 * np.pi * z / p["pitch"]
+        return p["sine"] * np.sin(phase) + p["cosine"] * np.cos(phase), memory

@@ -14,7 +14,8 @@ FAR = 1e3
 def has_rest_position(effect: Effect) -> bool:
     """Return whether an effect is a force of the displacement alone.
 
-    A shaft that turns on and on passes the same position again and again, and has no such force.
+    A shaft that turns on and on passes the same position again and again, and has no such force. A force that repeats with
+    the position has no position of rest.
 
     Parameters
     ----------
@@ -31,6 +32,8 @@ def has_rest_position(effect: Effect) -> bool:
         mass, damping, stiffness = effect.impedance(values, 1.0)
         return bool(stiffness) and not (mass or damping)
     if not isinstance(effect, PortEffect) or effect.memory((1,)) is not None:
+        return False
+    if any(parameter.scan == "pitch" for parameter in effect.parameters):
         return False
     z, v = np.array([-FAR, 0.0, FAR]), np.array([-1.0, 0.0, 1.0])
     at_rest, moving = (

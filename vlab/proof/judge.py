@@ -9,7 +9,7 @@ from vlab.proof.equivalence import right_class
 
 MOST_ERROR = 10.0
 """Relative error of a parameter that an answer does not give, and of any that is further off."""
-ADDED_SINCE = {"integral-action": "servo-integral-gain"}
+ADDED_SINCE = {"integral-action": "servo-integral-gain", "cogging": "cogging"}
 """ADDED_SINCE [-]: effects that the library received after cases with them were drawn as outside it."""
 NAMED, NOTHING, ABSTAINED = "missing-physics", "nothing-missing", "none-of-these"
 

@@ -7,6 +7,7 @@ magnitude. The screening is linear and cheap, so it evaluates a whole range of v
 - whole sample periods of a hold;
 - limits from the slowest to the steepest motion of the command;
 - steps of a converter, down to the smallest that some hundred trials reach;
+- positions over which a force repeats, at half a period over the whole travel;
 - resonances of one period in a recording up to the highest recorded frequency, at their half-power bandwidth.
 """
 
@@ -38,6 +39,8 @@ class Scales:
         Largest slope of the commands, in their unit per second.
     largest : float
         Largest magnitude of the commands, in their unit.
+    travel : float
+        Largest displacement of the port from rest, or one revolution of a shaft that turns [m or rad].
     """
 
     step: float
@@ -46,6 +49,7 @@ class Scales:
     span: float = 0.0
     steepest: float = 0.0
     largest: float = 0.0
+    travel: float = 0.0
 
 
 def scan_values(parameter: Parameter, scales: Scales) -> Array:
@@ -75,6 +79,11 @@ def scan_values(parameter: Parameter, scales: Scales) -> Array:
     if parameter.scan == "step":
         # a rounding error is a periodic function of command over step: evenly spaced inverse steps shift it evenly
         return scales.largest / (TRIAL_SCAN.cycle * np.arange(TRIAL_SCAN.most, 1.0 / TRIAL_SCAN.cycle - 1.0, -1))
+    if parameter.scan == "pitch":
+        # the phase is free, so half the spacing shifts the force by an eighth of a period at both ends; the force on a
+        # shaft that turns has a whole number of periods in a revolution, which the spacing meets
+        inverse = np.arange(1.0 / parameter.high, 1.0 / parameter.low + 0.5 * TRIAL_SCAN.cycle, TRIAL_SCAN.cycle)
+        return scales.travel / inverse[::-1]
     if parameter.scan == "slope":
         low, high = scales.span / max(scales.duration, 1e-300), scales.steepest
         if not 0.0 < low < high:

@@ -100,4 +100,5 @@ class TrialShapes:
             span=max((float(np.ptp(run.u[:, own], axis=0).max()) for run in self.runs), default=0.0) if own else 0.0,
             steepest=self.reference("input-slope", place) if own else 0.0,
             largest=self.reference("input", place) if own else 0.0,
+            travel=self.reference("travel", place) if place.kind == "port" else 0.0,
         )

@@ -226,7 +226,14 @@ def level_trials(problem: FrequencyProblem, levels: Levels, effect: Effect, plac
         Terms.
     """
     size, omega = _largest(problem, levels, effect, place)
-    references = {"displacement": size, "velocity": size * omega, "input": size, "output": size, "step": 1.0}
+    references = {
+        "displacement": size,
+        "travel": size,
+        "velocity": size * omega,
+        "input": size,
+        "output": size,
+        "step": 1.0,
+    }
     references["input-slope"] = size * omega
     scale = {p.name: references.get(p.reference, 1.0) if p.reference else 1.0 for p in effect.parameters}
     shapes = [[(p.name, g * scale[p.name]) for g in p.grid or (1.0,)] for p in effect.shapes]

@@ -34,7 +34,13 @@ from vlab.diagnose.search.second_effect import (
     pairs,
     violate_priors,
 )
-from vlab.diagnose.search.shortlist import best_of_effects, best_places, related_candidates, shortlisted
+from vlab.diagnose.search.shortlist import (
+    best_of_effects,
+    best_places,
+    is_another_start,
+    related_candidates,
+    shortlisted,
+)
 from vlab.diagnose.settings import FIT, HYPOTHESIS_FITS, SCORE_TEST, SECOND_EFFECT, SELECTION
 from vlab.parallel import side_by_side
 from vlab.physics.effect import Effect
@@ -204,9 +210,8 @@ class _TimeSearch:
             all_places = {c.label for c in candidates if not c.effect.shapes}
             among = best_places(candidates, HYPOTHESIS_FITS.places) | all_places
             for slow in screen.slower:
-                known = {c.label for c in shortlist}
                 slowly = shortlisted(slow.candidates(self.effects, among=among))[: SELECTION.slow_shortlist]
-                shortlist += side_by_side(slow.zoomed, [c for c in slowly if c.label not in known])
+                shortlist += side_by_side(slow.zoomed, [c for c in slowly if is_another_start(c, shortlist)])
                 slow.forget()
             found = by_score(found, singles(shortlist[len(found) :]))
         return shortlist, by_score(found, singles(side_by_side(screen.zoomed, related_candidates(candidates, found))))

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.parameters.terms import Candidate, Term
-from vlab.diagnose.settings import MODEL_CHOICE, SHORTLIST
+from vlab.diagnose.settings import MODEL_CHOICE, SCORE_TEST, SHORTLIST
 
 
 def shortlisted(candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -89,6 +89,32 @@ def best_places(candidates: Sequence[Candidate], most: int) -> set[str]:
         if count[candidate.effect.name] <= most:
             out.add(candidate.label)
     return out
+
+
+def is_another_start(candidate: Candidate, known: Sequence[Candidate]) -> bool:
+    """Return whether a fit of a candidate starts elsewhere than those of known ones.
+
+    A scanned shape, such as a pitch, has narrow peaks of likelihood, and no fit moves from one to another.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        Candidate.
+    known : sequence of Candidate
+        Candidates with fits.
+
+    Returns
+    -------
+    bool
+        False if a known candidate has the same effect and location, and scanned shapes within the widest zoom.
+    """
+    scanned = [p.name for p in candidate.effect.shapes if p.scan]
+    widest = max(SCORE_TEST.zoom)
+    return not any(
+        c.label == candidate.label
+        and all(1.0 / widest < c.values[name] / candidate.values[name] < widest for name in scanned)
+        for c in known
+    )
 
 
 def related_candidates(candidates: Sequence[Candidate], fitted: Sequence[Hypothesis]) -> list[Candidate]:

@@ -7,10 +7,11 @@ from typing import Any, Literal
 Values = Mapping[str, Any]
 """Parameter values by name: floats or arrays that broadcast against the signals."""
 
-Scan = Literal["", "delay", "period", "slope", "step", "resonance"]
+Scan = Literal["", "delay", "period", "slope", "step", "resonance", "pitch"]
 Reference = Literal[
     "",
     "displacement",
+    "travel",
     "velocity",
     "input",
     "input-slope",
@@ -42,14 +43,16 @@ class Parameter:
         the screening tries the values of `grid`.
     reference : str
         Scale of `grid`, `low` and `high`: the largest recorded displacement or velocity at the place, the largest
-        input, the largest slope of input or output, the duration, or the sample period. Of a servo: the largest
+        input, the largest slope of input or output, the duration, or the sample period. ``"travel"``: the largest
+        displacement, or one revolution of a shaft that turns further than half of it. Of a servo: the largest
         position error or force, or the position gain. "" for no scale.
     grid : tuple of float
         Trial values of the screening.
     scan : str
         Further trial values that the screening derives from the recordings, "" for none. ``"delay"``: the whole range;
         ``"period"``: whole sample periods; ``"slope"``: down to that of a slow command; ``"step"``: steps of a converter;
-        ``"resonance"``: frequencies over the recorded band.
+        ``"resonance"``: frequencies over the recorded band; ``"pitch"``: the whole range, as positions over which a force
+        repeats.
     signed : bool
         Whether negative values are allowed. An unsigned parameter is fitted in its logarithm.
     grain : float
