@@ -16,7 +16,7 @@ RIG = """<mujoco><option timestep="0.00025" integrator="implicitfast" gravity="0
 </worldbody><actuator><position name="servo" joint="slide" kp="{kp}" kv="{kv}"/></actuator>
 <sensor><jointpos name="encoder" joint="slide"/></sensor></mujoco>"""
 M, C, KP, KV = 1.0, 2.0, 300.0, 8.0
-FORCE, PHASE, PITCH = 1.2, 0.7, 0.013
+FORCE, PITCH = 1.2, 0.03
 RATE, SECONDS = 200.0, 6.0
 
 
@@ -26,15 +26,9 @@ def moved(command, force):
 
     def slope(time, x):
         servo = KP * (command(time) - x[0]) - KV * x[1]
-        return [x[1], (servo - C * x[1] - force * np.sin(2 * np.pi * x[0] / PITCH + PHASE)) / M]
+        return [x[1], (servo - C * x[1] - force * np.sin(2 * np.pi * x[0] / PITCH)) / M]
 
-    def rest(x):
-        return -KP * x - force * np.sin(2 * np.pi * x / PITCH + PHASE)
-
-    start = 0.0
-    for _ in range(200):  # the cogging moves the rest
-        start += 2e-4 * rest(start)
-    return t, solve_ivp(slope, (0, SECONDS), [start, 0.0], method="DOP853", t_eval=t, rtol=1e-9, atol=1e-12).y[0]
+    return t, solve_ivp(slope, (0, SECONDS), [0.0, 0.0], method="DOP853", t_eval=t, rtol=1e-9, atol=1e-12).y[0]
 
 
 def test_trial_pitches_shift_the_force_by_an_eighth_of_a_period_at_most():
@@ -43,7 +37,7 @@ def test_trial_pitches_shift_the_force_by_an_eighth_of_a_period_at_most():
     assert np.all(np.diff(values) > 0)
     assert values[-1] == pytest.approx(0.2 * pitch.high)
     assert values[0] < 1.02 * 0.2 * pitch.low
-    for true in np.linspace(0.02, 0.99, 300) * 0.2:
+    for true in np.linspace(0.04, 0.5, 300) * 0.2:
         # the phase is free, so the middle of the travel from -0.2 to 0.2 m agrees
         assert np.min(np.abs(0.2 / values - 0.2 / true)) <= 0.1251
 
@@ -76,4 +70,4 @@ def test_cogging_of_a_servo_is_found_with_its_pitch(force, capsys, tmp_path):
     assert parameters["pitch"]["value"] == pytest.approx(PITCH, rel=0.01)
     size = np.hypot(parameters["sine"]["value"], parameters["cosine"]["value"])
     assert size == pytest.approx(FORCE, rel=0.05)  # the servo's gains are 2 % uncertain
-    assert found["heldout"]["gap_closed"] > 0.8  # several positions of rest: the start is known to the noise only
+    assert found["heldout"]["gap_closed"] > 0.9

@@ -14,7 +14,7 @@ RIG = """<mujoco><option timestep="0.001" integrator="RK4" gravity="0 0 0"/><wor
 <body name="cart"><joint name="slide" type="slide" axis="1 0 0" stiffness="{k}" damping="{c}"/><geom size="0.1" mass="{m}"/></body>
 </worldbody><actuator><motor name="motor" joint="slide"/></actuator>
 <sensor><jointpos name="encoder" joint="slide"/></sensor></mujoco>"""
-M, C, K, FORCE, SPEED = 1.0, 2.0, 300.0, 1.5, 0.1
+M, C, K, FORCE, SPEED = 1.0, 2.0, 300.0, 1.5, 0.8
 RATE, SECONDS = 200.0, 8.0
 OWN = f"{asset('examples/magnetic_brake.py')}:MagneticBrake"
 

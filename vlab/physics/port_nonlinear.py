@@ -369,11 +369,11 @@ class Cogging(PortEffect):
         Parameter(
             name="pitch",
             unit="m",
-            low=0.02,
-            high=1.0,
+            low=0.04,
+            high=0.5,  # four periods over the travel to both sides: fewer are a spring
             role="shape",
             reference="travel",
-            grid=(1.0,),
+            grid=(0.5,),
             scan="pitch",
             words="position over which the force repeats",
         ),

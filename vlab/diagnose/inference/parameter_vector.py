@@ -250,7 +250,7 @@ def limits_of(parameter: Parameter, value: float, reference: Callable[[str], flo
         return 0.0, value * float(np.exp(PARAMETER_VECTOR.furthest)) if parameter.reference else parameter.high
     centre = to_unbounded(parameter, value)
     low, high = centre - PARAMETER_VECTOR.furthest, centre + PARAMETER_VECTOR.furthest
-    if parameter.reference in ("displacement", "velocity"):
+    if parameter.reference in ("displacement", "travel", "velocity"):
         of = reference(parameter.reference)
         low, high = max(low, np.log(0.5 * parameter.low * of)), min(high, np.log(2.0 * parameter.high * of))
     elif parameter.role == "shape" and not parameter.reference:

@@ -36,7 +36,7 @@ def reference_quantity(name: str, place: Place, groups: Sequence[Group], motion:
         return max(max(_largest(g, motion(g, place)[which]) for g in groups), 1e-300)
     if name == "travel":
         reach = reference_quantity("displacement", place, groups, motion)
-        return 2.0 * np.pi if place.angular and reach > np.pi else reach
+        return min(reach, np.pi) if place.angular else reach
     if name in ("error", "servo-force"):
         return max(max(_largest(g, _of_servo(g, place, motion, name)) for g in groups), 1e-300)
     if name == "servo-gain":
