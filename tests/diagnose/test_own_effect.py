@@ -8,6 +8,7 @@ from command import run
 from rig_folder import Channel, Record, multisine, write_case
 from scipy.integrate import solve_ivp
 
+from vlab.api.diagnosis import candidate_effects
 from vlab.files.assets import asset
 
 RIG = """<mujoco><option timestep="0.001" integrator="RK4" gravity="0 0 0"/><worldbody>
@@ -42,6 +43,11 @@ def test_an_effect_of_ones_own_needs_a_name_of_its_own(capsys):
     status, _, err = run(capsys, "diagnose", str(asset("cases/emps/case.toml")), "--effect", "coulomb-friction")
     assert status == 2
     assert "another effect named 'coulomb-friction'" in err
+
+
+def test_a_search_may_be_restricted_to_an_effect_of_ones_own():
+    assert [e.name for e in candidate_effects([OWN], only=["magnetic-brake"])] == ["magnetic-brake"]
+    assert [e.name for e in candidate_effects([OWN], only=["stop"])] == ["stop", "magnetic-brake"]
 
 
 @pytest.mark.slow

@@ -332,7 +332,7 @@ def candidate_effects(
     families : sequence of str or None
         Families of the catalogue; all by default.
     only : sequence of str or None
-        Effects of the catalogue in place of families.
+        Effects of the catalogue in place of families; may name effects of the user, which are searched in any case.
 
     Returns
     -------
@@ -346,6 +346,7 @@ def candidate_effects(
     UnknownName
         No such family or effect.
     """
+    users = [given if isinstance(given, Effect) else effect_named(given, code=[code_of(given)]) for given in own]
     if only and families:
         raise BadExperiment("families and single effects are both restricted; give one of them")
     known = list(dict.fromkeys(effect.family for effect in CANDIDATES))
@@ -355,12 +356,12 @@ def candidate_effects(
         if family not in known:
             raise unknown_name("family of effects", family, known)
     if only:
-        named = [effect_named(name, code=()) for name in ([only] if isinstance(only, str) else only)]
+        names = [only] if isinstance(only, str) else only
+        named = [effect_named(name, code=()) for name in names if name not in {effect.name for effect in users}]
         chosen = [effect for effect in dict.fromkeys(named) if effect.name in EFFECTS]
     else:
         chosen = [effect for effect in CANDIDATES if families is None or effect.family in families]
-    for given in own:
-        effect = given if isinstance(given, Effect) else effect_named(given, code=[code_of(given)])
+    for effect in users:
         others = chosen if effect is EFFECTS.get(effect.name) else [*EFFECTS.values(), *chosen]
         if effect.name in [other.name for other in others]:
             raise BadExperiment(f"there is another effect named {effect.name!r}; give yours a name of its own")
