@@ -1,4 +1,4 @@
-"""Contacts of a model: which pairs of geoms can touch, and how many contacts a state has."""
+"""Contacts of a model and of its states."""
 
 import ctypes
 from typing import Any
@@ -22,7 +22,7 @@ _WARNING = 2 * ctypes.sizeof(ctypes.c_int)
 
 
 def pairs_that_can_touch(model: Any) -> int:
-    """Return the number of pairs of geoms between which contacts are possible.
+    """Return the number of pairs of geoms that can touch.
 
     Parameters
     ----------
@@ -47,7 +47,9 @@ def pairs_that_can_touch(model: Any) -> int:
 
 
 def first_contacts_fit(model: Any) -> bool:
-    """Return whether the memory holds the contacts that may arise within one step.
+    """Return whether the memory holds the first contacts of a run.
+
+    These contacts arise within one step.
 
     Compiled code ends a run at the first contact, because the memory of many contacts has no bound that is known before
     the run.
@@ -76,14 +78,17 @@ def first_contacts_fit(model: Any) -> bool:
 
 
 def _place(data: Any) -> int:
-    """Return the address of the number of contacts; the public arrays before it end at a known distance."""
+    """Return the address of the number of contacts.
+
+    The public arrays before it end at a known distance.
+    """
     before = data.solver_fwdinv
     end = int(before.ctypes.data) + before.nbytes
     return end + int(mujoco.mjtWarning.mjNWARNING) * _WARNING + int(mujoco.mjtTimer.mjNTIMER) * _TIMER
 
 
 def contact_count(data: Any) -> Array:
-    """Return the number of contacts of a state as an array that shares its memory.
+    """Return the number of contacts of a state.
 
     Parameters
     ----------
@@ -93,7 +98,7 @@ def contact_count(data: Any) -> Array:
     Returns
     -------
     (1,) array of int32
-        Number of contacts; always 0 where the installed MuJoCo keeps the number elsewhere.
+        Number of contacts, in the memory of the state; always 0 where the installed MuJoCo keeps the number elsewhere.
     """
     if not IS_COUNTED:
         return np.zeros(1, dtype=np.int32)
@@ -105,7 +110,7 @@ def _shared(data: Any) -> Array:
 
 
 def _is_right() -> bool:
-    """Return whether `contact_count` reads what MuJoCo says, for states with different numbers."""
+    """Return whether `contact_count` reads what MuJoCo says."""
     ball = '<body pos="{} 0 0"><freejoint/><geom size=".1"/></body>'
     model = mujoco.MjModel.from_xml_string(
         f"<mujoco><worldbody>{''.join(ball.format(0.15 * i) for i in range(4))}</worldbody></mujoco>"

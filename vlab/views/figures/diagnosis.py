@@ -20,7 +20,9 @@ from vlab.views.figures.style import (
     draw_line,
     pretty_unit,
     readable,
+    set_decades,
     set_log_axis,
+    stacked_axes,
     styled,
 )
 
@@ -82,8 +84,7 @@ def overlay_figure(
         for name, r in (("measured", measured), (before, calibrated), ("extended", extended))
         if r is not None
     ]
-    figure = Figure(figsize=(7.2, 6.8), layout="constrained")
-    whole, zoom, rest, spectra = figure.subplots(4, 1, height_ratios=[1.1, 1.2, 1.0, 1.3])
+    figure, (whole, zoom, rest, spectra) = stacked_axes(4, each=1.3, ratios=[1.1, 1.2, 1.0, 1.3], shares_x=False)
     time = measured.time
     near = stretch(time, worst_s)
     handles: dict[str, Any] = {}
@@ -138,6 +139,7 @@ def _spectra(axes: Any, measured: Recording, curves: Sequence[tuple[str, Any, Ar
     if noise > 0:
         axes.axhline(noise / np.sqrt(highest), color=GREY, lw=1.0, linestyle=":")
     axes.set(yscale="log", xlabel="frequency [Hz]")
+    set_decades(axes.yaxis)
     set_log_axis(axes)
     axes.margins(x=0)
 
@@ -160,8 +162,7 @@ def response_figure(curves: Sequence[tuple[str, FrequencyResponse]], output: Cha
     Figure
         Figure with magnitude and coherence.
     """
-    figure = Figure(figsize=(7.2, 3.6), layout="constrained")
-    size, coherence = figure.subplots(2, 1, sharex=True, height_ratios=[2.4, 1.0])
+    figure, (size, coherence) = stacked_axes(2, each=0.85, ratios=[2.4, 1.0])
     handles = []
     for name, frf in curves:
         handles.append(draw_line(size, frf.freq, np.abs(frf.H[:, 0, 0]), 0, **LOOKS[name]))
@@ -171,6 +172,7 @@ def response_figure(curves: Sequence[tuple[str, FrequencyResponse]], output: Cha
     # an input that a case scales has the unit of the model's command, which the case does not state
     unit = pretty_unit(f"{whole}/{source.unit}") if source.unit else f"{pretty_unit(whole)} per unit of the command"
     size.set(yscale="log", ylabel=f"magnitude\n[{unit}]")
+    set_decades(size.yaxis)
     set_log_axis(size)
     size.set_title(as_text(f"{channel_label(output)} from {channel_label(source)}"), loc="left")
     coherence.set(ylim=(-0.05, 1.05), yticks=(0, 0.5, 1), ylabel="coherence\nmeasured [-]", xlabel="frequency [Hz]")

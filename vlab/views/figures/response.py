@@ -10,7 +10,17 @@ from matplotlib.figure import Figure
 from vlab.errors import BadRecording, unknown_name
 from vlab.signals import Array, FrequencyResponse
 from vlab.units import same_dimension
-from vlab.views.figures.style import ROLES, as_text, decimate, draw_legend, draw_line, pretty_unit, stacked_axes, styled
+from vlab.views.figures.style import (
+    ROLES,
+    as_text,
+    decimate,
+    draw_legend,
+    draw_line,
+    pretty_unit,
+    set_decades,
+    stacked_axes,
+    styled,
+)
 
 
 @styled
@@ -84,6 +94,7 @@ def _label_response(axes: Any, freqs: Sequence[Array], unit: str, low: float, lo
     ticks = np.arange(np.ceil(low / 90) * 90, low + 361, 90)
     axes[0].set(yscale="log", ylabel=f"magnitude\n[{unit}]")
     axes[1].set(ylabel="phase [deg]", ylim=(low - 10, low + 370), yticks=ticks)
+    set_decades(axes[0].yaxis)
     if len(axes) > 2:
         axes[2].set(ylabel="coherence [-]", ylim=(-0.05, 1.05), yticks=(0, 0.5, 1))
     start, stop = min(freq[freq > 0][0] if log_frequency else freq[0] for freq in freqs), max(f[-1] for f in freqs)

@@ -16,7 +16,8 @@ from typing import Any, ParamSpec
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.layout_engine import LayoutEngine
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 from numpy.typing import ArrayLike
 
 from vlab.signals import Array, Channel
@@ -47,6 +48,7 @@ STYLE = {
     "font.family": "sans-serif",
     "font.size": 9.0,
     "axes.titlesize": 9.0,
+    "axes.titley": 1.0,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -61,7 +63,52 @@ STYLE = {
 }
 _KIND_WORDS = {"other": "", "angular-velocity": "angular velocity", "angular-acceleration": "angular acceleration"}
 
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
 Options = ParamSpec("Options")
+
+
+class ColumnLayout(LayoutEngine):
+    """Positions of axes in one column.
+
+    The room for titles, labels and legend follows from their presence. Nothing is measured, because measuring all texts
+    takes longer than drawing them.
+    """
+
+    _adjust_compatible, _colorbar_gridspec = True, False
+    LEFT, RIGHT, EDGE = 0.95, 0.12, 0.05
+    """LEFT, RIGHT, EDGE [inch]: room for vertical labels and ticks, at the right, and at top and bottom."""
+    LABEL, TICKS, TITLE, GAP, LINE = 0.19, 0.23, 0.22, 0.16, 0.2
+    """LABEL, TICKS, TITLE, GAP, LINE [inch]: height of a horizontal label, of tick labels, of a title, of a gap without
+    title, and of a line of the legend."""
+
+    def execute(self, fig: Any) -> None:
+        """Place the axes and their labels.
+
+        Parameters
+        ----------
+        fig : Figure
+            Figure with axes in one column.
+        """
+        width, height = fig.get_size_inches()
+        rows = sorted(fig.axes, key=lambda axes: axes.get_subplotspec().rowspan.start)
+        ratios = rows[0].get_gridspec().get_height_ratios()
+        titled = [any(axes.get_title(loc) for loc in ("left", "center", "right")) for axes in rows]
+        above = [self.TITLE if has_title else self.GAP for has_title in titled]
+        below = [
+            self.TICKS * bool(axes.xaxis.get_tick_params()["labelbottom"]) + self.LABEL * bool(axes.get_xlabel())
+            for axes in rows
+        ]
+        lines = sum(-(-len(legend.texts) // max(legend._ncols, 1)) for legend in fig.legends)
+        room = height - 2 * self.EDGE - self.LINE * lines - sum(above) - sum(below)
+        across, top = width - self.LEFT - self.RIGHT, height - self.EDGE - self.LINE * lines
+        for axes, ratio, over, under in zip(rows, ratios, above, below, strict=True):
+            tall = max(room * ratio / sum(ratios), self.LINE)
+            top -= over + tall
+            axes.set_position((self.LEFT / width, top / height, across / width, tall / height))
+            axes.yaxis.set_label_coords(-(self.LEFT - 0.37) / across, 0.5)
+            axes.xaxis.set_label_coords(0.5, -self.TICKS / tall)
+            top -= under
 
 
 def styled(draw: Callable[Options, Figure]) -> Callable[Options, Figure]:
@@ -164,6 +211,22 @@ def set_log_axis(axes: Any, *, decades_only: bool = False) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
+def set_decades(axis: Any) -> None:
+    """Label the decades of a logarithmic axis in plain text.
+
+    Plain text is drawn faster than formulas.
+    """
+    axis.set_major_formatter(FuncFormatter(lambda x, _: _decade(x)))
+    axis.set_minor_locator(NullLocator())
+
+
+def _decade(value: float) -> str:
+    exponent = round(np.log10(value)) if value > 0 else 0
+    if not np.isclose(value, 10.0**exponent):
+        return ""
+    return f"{value:g}" if abs(exponent) < 4 else "10" + str(exponent).translate(_RAISED)
+
+
 def draw_line(axes: Any, x: ArrayLike, y: ArrayLike, index: int, **options: Any) -> Any:
     """Draw a thinned curve in an indexed style."""
     dash = "-" if np.size(x) > 4 * POINTS else DASHES[index % len(DASHES)]  # dashes are invisible in a thinned trace
@@ -172,12 +235,34 @@ def draw_line(axes: Any, x: ArrayLike, y: ArrayLike, index: int, **options: Any)
 
 
 def stacked_axes(
-    rows: int, *, width: float = 7.2, each: float = 1.35, ratios: Sequence[float] | None = None
+    rows: int,
+    *,
+    width: float = 7.2,
+    each: float = 1.35,
+    ratios: Sequence[float] | None = None,
+    shares_x: bool = True,
 ) -> tuple[Any, Any]:
-    """Return a figure and its axes in one column."""
+    """Return a figure and its axes in one column.
+
+    Parameters
+    ----------
+    rows : int
+        Number of axes.
+    width, each : float
+        Width of the figure, and height of axes with a ratio of one [inch].
+    ratios : sequence of float or None
+        Heights relative to `each`; all one by default.
+    shares_x : bool
+        Whether the axes have one horizontal axis, labelled at the bottom.
+
+    Returns
+    -------
+    tuple of (Figure, array of Axes)
+        Figure and axes from the top.
+    """
     height = each * (sum(ratios) if ratios is not None else rows) + 0.8
-    figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, figure.subplots(rows, 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
+    figure = Figure(figsize=(width, height), layout=ColumnLayout())
+    return figure, figure.subplots(rows, 1, sharex=shares_x, squeeze=False, height_ratios=ratios)[:, 0]
 
 
 def draw_legend(figure: Figure, handles: Sequence[Any], labels: Sequence[str], *, columns: int = 4) -> None:

@@ -21,6 +21,7 @@ from vlab.views.figures.style import (
     draw_line,
     pretty_unit,
     readable,
+    set_decades,
     stacked_axes,
     styled,
 )
@@ -193,6 +194,7 @@ def spectrum_figure(
                 keep = (density > 0) & (freq <= (np.inf if highest_hz is None else highest_hz))
                 handles[label] = draw_line(row, freq[keep], density[keep], k)
         row.set(yscale="log", ylabel=axis_label(channel, power="/√Hz"))
+        set_decades(row.yaxis)
         row.margins(x=0)
     axes[-1].set_xlabel("frequency [Hz]")
     if len(recordings) > 1:
