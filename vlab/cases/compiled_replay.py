@@ -410,7 +410,6 @@ def _run(
     time, h, ahead = times
     n_readings, n_ports, moved = records.raw.shape[0], ports.rows.shape[0], np.empty(m.at_rest.size)
     steps = inputs.forces.shape[0] // max(n_readings - 1, 1)
-    held = np.zeros(inputs.forces.shape[1])
     keep = n_readings > 0  # True and False themselves would compile the port forces twice
     for k in range(span[0], span[1]):
         _copy_state(model, data, copy, INTEGRATION)
@@ -420,8 +419,7 @@ def _run(
             _apply(seen, m, inputs.seen[k], inputs.seen_loads[k], moved)
             _forward(model, copy)
             if n_ports > 0:
-                commands = inputs.forces[k * steps - 1] if k > 0 else held
-                add_port_forces(model, copy, seen, ports, commands, time, not keep)
+                add_port_forces(model, copy, seen, ports, inputs.seen[k], time, not keep)
                 _forward_skip(model, copy, VELOCITY, 0)
                 add_effort_readings(seen, ports)
         elif sums.address.size == 0:

@@ -213,7 +213,7 @@ def _stepped(
             if physics is not None:
                 force = force + physics.last_change
             present_loads = None if loads is None else list(zip(loads[0], loads[2][k], strict=True))
-            bench.look(controls @ force, physics, present_loads)
+            bench.look(controls @ force, physics, present_loads, force)
         else:
             bench.look_at_motion()
         if raw is not None:

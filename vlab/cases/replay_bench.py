@@ -136,7 +136,9 @@ class Bench:
         """Sensor values of MuJoCo that the plant's sensors read."""
         return {*np.flatnonzero(self._sum.any(axis=0)).tolist(), *np.arange(self.model.nsensordata)[self.plant.travel]}
 
-    def look(self, ctrl: Array, physics: Running | None = None, loads: Loads | None = None) -> None:
+    def look(
+        self, ctrl: Array, physics: Running | None = None, loads: Loads | None = None, seen: Array | None = None
+    ) -> None:
         """Evaluate the present true state in the copy.
 
         Attached physics acts there without updating its memory.
@@ -149,6 +151,8 @@ class Bench:
             Attached physics.
         loads : sequence of (Port, float) or None
             Present forces on ports; None keeps those of the last step.
+        seen : array or None
+            Commands that laws see, (n_actuators,); those of the last step by default.
         """
         data, model = self._at_present(), self.model
         if loads is not None:
@@ -159,7 +163,7 @@ class Bench:
         mujoco.mj_forward(model, data)
         if physics is not None and physics.ports is not None:
             data.qfrc_applied[:] = self.applied
-            readings = physics.ports.look(data, physics.force)
+            readings = physics.ports.look(data, physics.force if seen is None else seen)
             mujoco.mj_forwardSkip(model, data, int(mujoco.mjtStage.mjSTAGE_VEL), 0)
             data.sensordata += readings
 

@@ -59,7 +59,7 @@ from vlab.diagnose.verdict import (
     is_within_noise,
     residual_note,
 )
-from vlab.physics.catalogue import CANDIDATES, LAST_RESORT
+from vlab.physics.catalogue import CANDIDATES, last_resort
 from vlab.physics.effect import Effect
 
 NO_SENSOR_FAULT = "effects beside sensor faults predict no hold-out recording; effects without sensor faults do"
@@ -272,9 +272,10 @@ class _Pass:
             other, ours, again = self._other(searched, physics, NO_SENSOR_FAULT)
             if again is not None and again.tried is not None and total(again.tried.checked, "after") < left:
                 return other._diagnosed(ours, again)
-        if searched.holdout.is_new:  # the table is verified on another motion
+        tables = _sought(last_resort(self.effects), self.at)
+        if tables and searched.holdout.is_new:  # the table is verified on another motion
             self.report(0.95, "fitting a tabulated force")
-            last, ours, again = self._other(searched, _sought(LAST_RESORT, self.at), UNKNOWN_LAW)
+            last, ours, again = self._other(searched, tables, UNKNOWN_LAW)
             tried = None if again is None else again.tried
             if again and tried and again.choice.gained > 0.0 and is_better_table(tried, attempt):
                 return last._diagnosed(ours, replace(again, verdict="unknown-law"))

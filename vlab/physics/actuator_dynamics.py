@@ -25,6 +25,7 @@ class SlewLimit(ActuatorEffect):
     family = "saturation"
     law = "|d force/dt| <= R"
     words = "an amplifier follows no faster than a limited slope"
+    glides = True
     parameters: ClassVar = (
         Parameter(
             name="slope",
@@ -137,6 +138,7 @@ class ActuatorLag(ActuatorEffect):
     family = "timing"
     law = "force = u/(1 + s tau)"
     words = "the force lags the command by a time constant: a coil's inductance, a filter with a lower corner"
+    glides = True
     parameters: ClassVar = (
         Parameter(name="time_constant", unit="s", low=1e-6, high=1.0, role="shape", grid=(*TIMES, 0.3)),
     )

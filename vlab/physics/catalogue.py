@@ -166,6 +166,23 @@ def effects(family: str = "") -> list[Effect]:
     return [effect for effect in EFFECTS.values() if family in ("", effect.family)]
 
 
+def last_resort(searched: Collection[Effect]) -> tuple[Effect, ...]:
+    """Return the effects that are tried where no other one explains the recordings.
+
+    Parameters
+    ----------
+    searched : collection of Effect
+        Effects that were searched.
+
+    Returns
+    -------
+    tuple of Effect
+        Empty if the search left out effects of the catalogue: one of these may explain the recordings.
+    """
+    names = {effect.name for effect in searched}
+    return LAST_RESORT if all(effect.name in names for effect in CANDIDATES) else ()
+
+
 def effect_named(name: str, *, code: Collection[str] | None = None) -> Effect:
     """Return an effect by name or alias.
 

@@ -228,9 +228,14 @@ class _Look:
         worst = parts[as_said.index(best)]
         for correction in islice(self._other_readings(unexplained), MOST_TRIED):
             still = left(correction.on(worst))
-            if still < best and self._is_better(correction):
+            if still < best and self._is_better(correction) and self._explains(correction, unexplained):
                 found, best = correction, still
         return [] if found is None else [self._found(self._words_of(found), [found])]
+
+    def _explains(self, correction: Correction, names: Sequence[str]) -> bool:
+        """Return whether the model gives some channels in all recordings under a correction."""
+        then = beside(self.case.plant, [correction.on(run) for run in self.now.runs])
+        return all(then.channels.get(name) and then.left(name) <= EXPLAINED for name in names)
 
     def _unexplained(self, at: Beside) -> list[str]:
         return [name for name in at.channels if at.left(name) >= UNEXPLAINED]

@@ -58,6 +58,8 @@ class Signals:
         Mask of informative samples; all by default.
     end : float or None
         Time of the last sample [s] where the sample period is uneven.
+    now : (n, n_actuators) array or None
+        Command of every actuator as readings see it at the samples; by default that before the samples.
     """
 
     name: str
@@ -76,6 +78,15 @@ class Signals:
     led: Array | None = None
     valid: Array | None = None
     end: float | None = None
+    now: Array | None = None
+
+    @property
+    def seen(self) -> Array:
+        """Commands (n, n_actuators) as readings see them at the samples."""
+        if self.now is not None:
+            return self.now
+        led = self.command_before if self.led is None or not len(self.led) else self.led[-1]
+        return np.concatenate([np.reshape(led, (1, -1)), self.u[:-1]])
 
     @property
     def last_s(self) -> float:
@@ -103,7 +114,8 @@ class Signals:
     def first(self, most: int) -> "Signals":
         """Return the first samples alone."""
         valid = None if self.valid is None else self.valid[:most]
-        return replace(self, u=self.u[:most], load=self.load[:most], y=self.y[:most], valid=valid)
+        now = None if self.now is None else self.now[:most]
+        return replace(self, u=self.u[:most], load=self.load[:most], y=self.y[:most], valid=valid, now=now)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -196,6 +208,7 @@ def windows(run: Signals, states: Array, shown: Array, slowest_hz: float) -> lis
                 before=states[max(a - RUNS.long_preroll, 0) : a],
                 shown=shown[:a],
                 led=run.u[max(a - RUNS.long_preroll, 0) : a],
+                now=None if run.now is None else run.now[part],
             )
         )
     return out
@@ -312,6 +325,7 @@ def signals_of(
     grid = h * thin * np.arange(round(time[-1] / h) // thin + 1)
     recorded = np.column_stack([on_grid(time, column, grid, thin) for column in columns.T])
     y, inputs = recorded.copy(), np.zeros((len(grid), n_actuators + len(port_names)))
+    seen = np.zeros_like(inputs)
 
     slow = np.array([order < 2 for order in orders])
     is_driven = bool(run.drives) or commands is not None
@@ -321,11 +335,13 @@ def signals_of(
         inputs[:, i.column] += mean
         if feedthrough is not None and feedthrough.shows(i.column):
             now = at_samples(i.values, is_held=i.is_held, is_first=i.is_first, stood=stood)
-            y -= feedthrough.ahead(i.column, mean, on_grid(time, now, grid, thin), h * thin)
+            present = on_grid(time, now, grid, thin)
+            seen[:, i.column] += present
+            y -= feedthrough.ahead(i.column, mean, present, h * thin)
 
     usable = on_clock(run, is_informative(run, compared), grid)
     part = liveliest(recorded, RUNS.most_samples)
-    recorded, y, inputs, usable = recorded[part], y[part], inputs[part], usable[part]
+    recorded, y, inputs, usable, seen = recorded[part], y[part], inputs[part], usable[part], seen[part]
     scale = np.std(recorded, axis=0)
     starts = is_driven and begins_at_rest(y, slow, plant)
     return Signals(
@@ -342,6 +358,7 @@ def signals_of(
         at_rest=part.start == 0 and (run.initial == "rest" or (run.initial == "auto" and starts)),
         t0=float(grid[part.start]),
         valid=None if usable.all() else usable,
+        now=None if feedthrough is None else seen[:, :n_actuators],
     )
 
 

@@ -115,7 +115,9 @@ class ScoreTest:
         periods = sorted({run.h for run in self.runs})
         M, C, K, _, self.sensor_gain = (part[0] for part in self.reduced_model.matrices(self.theta[None]))
         forces, rows = self.reduced_model.forces_at(self.theta[None])[0], self.reduced_model.rows_at(self.theta)
-        self.now = replace(self.reduced_model, M=M, C=C, K=K, forces=forces, rows=rows)
+        efforts = self.reduced_model.efforts
+        read = None if efforts is None else efforts.more_per_command(self.theta[None])[0]
+        self.now = replace(self.reduced_model, M=M, C=C, K=K, forces=forces, rows=rows, read_commands=read)
         self.groups = [self._group([run for run in self.runs if run.h == h]) for h in periods]
         e = np.concatenate([g.rows(g.e[..., None])[:, 0] for g in self.groups])
         changes = columns_of_changes(

@@ -45,6 +45,15 @@ def _add(force: Array, effect: Array, out: Array) -> None:  # pragma: no cover -
 
 
 @in_any_order
+def _share(force: Array, effect: Array, share: float, out: Array) -> None:  # pragma: no cover - compiled
+    """Add a share of a force's effect (n, n_lanes)."""
+    if share != 0.0:
+        for j in range(len(out)):
+            for e in range(len(force)):
+                out[j, e] += share * force[e] * effect[j, e]
+
+
+@in_any_order
 def _multiply(rows: Array, state: Array, out: Array) -> None:  # pragma: no cover - compiled
     """Write rows (n, 2m, n_lanes) times the state by lane."""
     for c in range(len(out)):
@@ -145,7 +154,7 @@ def integrate_lanes(
     observed_rows: Array,
     seen: Array,
     clock: tuple[int, float, Array],
-    laws: tuple[Array, Array, Array, Array, Array, Array],
+    laws: tuple[Array, Array, Array, Array, Array, Array, Array, Array],
     graphs: tuple[Array, Array, Array, Array, Array],
     registers: Array,
     y: Array,
@@ -178,7 +187,8 @@ def integrate_lanes(
     clock : tuple of int, float and (n_runs,) array
         Steps per sample, step [s] and time of every run's first sample [s].
     laws : tuple of array
-        Port, command, state, port-motion and feedthrough maps of every law, and the register of its force.
+        Port, command, state, port-motion and feedthrough maps of every law, the register of its force, the map to the
+        readings of force sensors, empty for none, and the share of a sample's own interval in these.
     graphs : tuple of array
         Expression graphs of the laws.
     registers : (n_registers, n_lanes) array
@@ -191,19 +201,21 @@ def integrate_lanes(
     vlab.diagnose.predictors.modal_integration : the modal form of the step.
     """
     substeps, h, late = clock
-    ports, coils, push, felt, direct_law, results = laws
+    ports, coils, push, felt, direct_law, results, effort, seen_share = laws
     operations, bounds, firsts, stored, recalled = graphs
     n, _, lanes = y.shape
     n_runs, sees, n_laws = inputs.shape[3], seen.shape[0], len(ports)
     after, known, held = np.empty_like(seen), np.empty_like(seen), np.empty_like(state)
     last, drive = np.zeros((n_laws, sees, lanes)), np.empty_like(state)
-    acting = np.empty((inputs.shape[4], lanes))
+    acting, before = np.empty((inputs.shape[4], lanes)), np.zeros(y.shape[1:])
     for k in range(n):
         for sub in range(substeps):
             if sub < inputs.shape[1]:
                 _drive(inputs[k, sub], into, acting, drive)
             if sub == 0:
                 _read(rows, direct, state, acting, y[k])
+                y[k] += before
+                before[:] = 0.0
             _step(turn, dense, drive, held, state)
             _see(observed_rows, state, last, after, known)
             for law in range(n_laws):
@@ -231,6 +243,12 @@ def integrate_lanes(
                         after[i, e] += last[law, i, e]
                 if sub == 0:
                     _add(force, direct_law[law], y[k])
+                if effort.shape[0] > 0:  # extrapolated from the middles of two substeps to the ends of the interval
+                    first = 1.0 if substeps == 1 else 1.5 if sub == 0 else -0.5 if sub == 1 else 0.0
+                    left = substeps - 1 - sub
+                    past = 1.0 if substeps == 1 else 1.5 if left == 0 else -0.5 if left == 1 else 0.0
+                    _share(force, effort[law], first * (1.0 if k == 0 else seen_share[law]), y[k])
+                    _share(force, effort[law], past * (1.0 - seen_share[law]), before)
             for i in range(sees):
                 for e in range(lanes):
                     seen[i, e] = after[i, e]

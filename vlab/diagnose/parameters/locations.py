@@ -54,6 +54,10 @@ class Place:
         Whether the model restores the port; a free port has no rest position.
     servo : Servo or None
         Position servo of an actuator, whose rows are then those of its transmission.
+    efforts : (n_channels, n_indices) array
+        Readings of force sensors per unit command of every actuator of the location; empty for none.
+    seen : float
+        Share of the command of a sample's own interval in these readings, see `EffortChannels`.
     """
 
     name: str
@@ -71,6 +75,15 @@ class Place:
     tag: str = ""
     is_held: bool = True
     servo: Servo | None = None
+    efforts: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    seen: float = 0.0
+
+    @property
+    def effort_in_drive(self) -> Array | None:
+        """Readings (n_channels,) of force sensors per unit force of a law within the servo; None for none."""
+        if not np.any(self.efforts) or self.servo is None:
+            return None
+        return np.asarray(self.efforts[:, 0] / self.servo.gain)
 
     def stiffness_at(self, theta: Array) -> Array:
         """Return the element's stiffness (n_sets,) at log factors (n_sets, n_changes)."""
@@ -297,7 +310,8 @@ def places_of(
     out = [*ports, *_points(plant, reduced_model, straight)]
     out += [_actuator(plant, reduced_model, i) for i in driven]
     if len(driven) > 1:
-        out.append(Place(name="chain", kind="actuator", index=driven[0], also=tuple(driven[1:])))
+        efforts = _efforts(reduced_model, driven)
+        out.append(Place(name="chain", kind="actuator", index=driven[0], also=tuple(driven[1:]), efforts=efforts))
     sensors = [f"sensor:{name.removeprefix('sensor:')}" for name in channels]
     out += [Place(name=name, kind="sensor", index=i) for i, name in enumerate(sensors)]
     return out + _pick_ups(plant, channels, sensors, driven)
@@ -305,13 +319,21 @@ def places_of(
 
 def _actuator(plant: Plant, reduced_model: ReducedModel, index: int) -> Place:
     """Return an actuator; a position servo has its transmission's rows."""
-    out = Place(name=f"actuator:{plant.actuators[index].name.removeprefix('coil:')}", kind="actuator", index=index)
+    name, efforts = plant.actuators[index].name.removeprefix("coil:"), _efforts(reduced_model, [index])
+    seen = 0.0 if reduced_model.efforts is None else float(reduced_model.efforts.seen[index])
+    out = Place(name=f"actuator:{name}", kind="actuator", index=index, efforts=efforts, seen=seen)
     port, servo = servo_port(plant, index), servo_of(plant, index)
     if port is None or servo is None:
         return out
     row = port.row(plant.new_data())[None]
     rows, truncated = row @ reduced_model.shapes, row @ reduced_model.truncated.shapes
     return replace(out, rows=rows, truncated=truncated, angular=port.unit == "rad", coil=index, servo=servo)
+
+
+def _efforts(reduced_model: ReducedModel, actuators: Sequence[int]) -> Array:
+    """Return the readings of force sensors per unit command of some actuators."""
+    efforts = reduced_model.efforts
+    return np.zeros((0, 0)) if efforts is None else efforts.per_command[:, list(actuators)]
 
 
 def _pick_ups(plant: Plant, channels: Sequence[str], sensors: Sequence[str], driven: Sequence[int]) -> list[Place]:

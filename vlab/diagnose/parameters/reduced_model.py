@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from vlab.diagnose.parameters.effort_channels import EffortChannels
 from vlab.diagnose.parameters.observation import ChannelRows
 from vlab.diagnose.settings import REDUCED_MODEL
 from vlab.fe.damping import driven_modes
@@ -273,6 +274,10 @@ class ReducedModel:
         Damping stated as modal ratios.
     outside : TruncatedModes or None
         Elastic modes outside; None for none.
+    efforts : EffortChannels or None
+        Channels that read forces of actuators; None for none.
+    read_commands : (n_channels, n_actuators) array or None
+        Readings per unit command beyond those of the nominal model; None for none.
     """
 
     omega: Array
@@ -289,6 +294,8 @@ class ReducedModel:
     coil_shifts: tuple[CoilShift, ...] = ()
     damping: ModalDamping | None = None
     outside: TruncatedModes | None = None
+    efforts: EffortChannels | None = None
+    read_commands: Array | None = None
 
     @property
     def truncated(self) -> TruncatedModes:
@@ -408,7 +415,7 @@ class ReducedModel:
 
     def rows_at(self, theta: Array) -> ChannelRows:
         """Return the channels' rows at parameters (n_changes,), with shifted sensors."""
-        if not self.shifts:
+        if not self.shifts and self.efforts is None:
             return self.rows
         more = self.shifted(theta[None])[0]
         return replace(self.rows, at_q=self.rows.at_q + more[:, : self.m], at_v=self.rows.at_v + more[:, self.m :])
@@ -418,6 +425,8 @@ class ReducedModel:
         out = np.zeros((len(theta), len(self.rows.at_q), 2 * self.m))
         for shift in self.shifts:
             out[:, shift.sensor] += theta[:, shift.by, None] * np.concatenate([shift.at_q, shift.at_v])
+        if self.efforts is not None and self.efforts.changes:
+            out += self.efforts.more_rows(theta)
         return out
 
     def slopes(self, theta: Array) -> list[Matrices]:

@@ -47,6 +47,8 @@ def filter_runs(
     u, lengths = stack_runs(runs, [run.u for run in runs])
     load, _ = stack_runs(runs, [run.load for run in runs])
     y, _ = stack_runs(runs, [run.y / sensor_gain for run in runs])
+    if reduced_model.read_commands is not None:
+        y = y - stack_runs(runs, [run.seen for run in runs])[0] @ reduced_model.read_commands.T
     usable = None
     if any(run.valid is not None for run in runs):
         usable, _ = stack_runs(runs, [run.usable for run in runs])

@@ -54,6 +54,8 @@ class _Law:
     push: Array
     felt: Array
     direct: Array
+    effort: Array | None
+    seen: float
     mobility: Array
     coil: int | None
     memory: Any
@@ -117,7 +119,7 @@ class _Marcher:
         self.laws, self.width = list(laws), system.A.shape[1]
         kinds = [law.effect.response for law in laws]
         self.given = [j for j, kind in enumerate(kinds) if kind == "none"]
-        self.linear = [j for j, kind in enumerate(kinds) if kind == "linear"]
+        self.linear = [j for j, kind in enumerate(kinds) if kind == "linear" and laws[j].effort is None]
         self.left = [j for j in range(len(laws)) if j not in self.given and j not in self.linear]
         self.AT, BT, self.CT, DT = (np.swapaxes(x, 1, 2) for x in (system.A, system.B, system.C, system.D))
         inputs = [*range(BT.shape[1] - len(laws)), *(BT.shape[1] - len(laws) + j for j in self.given)]
@@ -173,6 +175,8 @@ class _Marcher:
                 memory=law.memory or (),
                 push=law.push[:, 0],
                 direct=law.direct,
+                effort=law.effort,
+                seen=law.seen,
                 port=j,
                 coil=None if law.coil is None else int(np.count_nonzero(acts[: law.coil])),
             )
@@ -213,11 +217,14 @@ class _Marcher:
         known = forces.shape[3]
         out = np.zeros((n, *x.shape[:2], self.CT.shape[2]))
         state, last = np.concatenate([x, x @ self.seen], axis=-1), {j: np.zeros(()) for j, _ in laws}
+        read = np.zeros(out.shape[1:])
         for k in range(n):
             given = self._given(k, 1)[0]
             out[k] = (
                 state[..., :width] @ self.CT + forces[k] @ self.direct[:, :known] + given[0] @ self.direct[:, known:]
             )
+            out[k] += read
+            read = np.zeros(out.shape[1:])
             for sub in range(self.substeps):
                 new = state[..., :width] @ step_of + forces[k] @ into[:, :known] + given[sub] @ into[:, known:]
                 at, after = state[..., width:], new[..., width:]
@@ -239,6 +246,10 @@ class _Marcher:
                     new += change
                     if sub == 0:
                         out[k] += force[..., None] * law.direct[:, None, :]
+                    if law.effort is not None:  # as in the compiled loop
+                        first, past = (_to_the_end(i, self.substeps) for i in (sub, self.substeps - 1 - sub))
+                        out[k] += first * (1.0 if k == 0 else law.seen) * force[..., None] * law.effort
+                        read += past * (1.0 - law.seen) * force[..., None] * law.effort
                 state = new
             if k % KERNELS.checked == 0 and not np.abs(state[..., :width]).max() < KERNELS.runaway:
                 x = np.clip(
@@ -248,6 +259,11 @@ class _Marcher:
                 )
                 state, last = np.concatenate([x, x @ self.seen], axis=-1), {j: np.zeros(()) for j, _ in laws}
         return out
+
+
+def _to_the_end(steps: int, substeps: int) -> float:
+    """Return the weight of a substep in an extrapolation to an end of the interval, by its distance from there."""
+    return 1.0 if substeps == 1 else {0: 1.5, 1: -0.5}.get(steps, 0.0)
 
 
 def _seen_by(rows: Sequence[Array], m: int) -> Array:
@@ -278,6 +294,8 @@ def _law(
         push=push[:, None, :],
         felt=felt[:, None, :],
         direct=system.D[:, :, column],
+        effort=term.place.effort_in_drive if term.effect.acts_in_drive else None,
+        seen=term.place.seen,
         mobility=felt[:, seen.shape[1] // 2 + k][:, None],
         coil=term.place.coil,
         memory=_remember(term.effect, term.place.rows[0], p, runs, n_sets),

@@ -1,12 +1,13 @@
 """Channels of hypotheses on the reduced model."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.parameters.discrete import discretise
+from vlab.diagnose.parameters.effort_channels import EffortChannels
 from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.integration import acting_order, integrate, law_at_start
@@ -53,7 +54,7 @@ def channels(
         Channels.
     """
     h, n_sets, ports = runs[0].h, len(theta), acting_order(terms)
-    finer = MODAL.finer if not is_rough and any(terms[i].effect.traits.is_nonsmooth for i in ports) else 1
+    finer = MODAL.finer if not is_rough and any(_needs_finer_steps(terms[i]) for i in ports) else 1
     substeps = finer * max(1, int(np.ceil(MODAL.steps_per_cycle * highest_hz * h))) if ports else 1
     M, C, K, actuator_gain, _ = reduced_model.matrices(theta)
     places = [term.place for term in terms if isinstance(term.effect, PortEffect | LinearPortEffect)]
@@ -88,10 +89,22 @@ def channels(
             laws = [law_at_start(terms[i], values[i], runs, n_sets) for i in ports]
             starts = _in_equilibrium(still, starts, held, list(zip(laws, seen, pushes, strict=True)), MODAL.brief * h)
     system = discretise(M, C, K, inputs, residual.channels(reduced_model.rows), h / substeps)
-    if reduced_model.shifts:
+    if reduced_model.shifts or reduced_model.efforts is not None:
         system = replace(system, C=system.C + residual.states(reduced_model.shifted(theta)))
     with np.errstate(all="ignore"):  # a diverged trial keeps its large residual
-        return integrate(system, forces, known.shape[2], terms, values, (ports, seen), starts, runs, substeps)
+        y = integrate(system, forces, known.shape[2], terms, values, (ports, seen), starts, runs, substeps)
+        if reduced_model.efforts is not None:
+            gliding = {
+                i for t in terms if isinstance(t.effect, ActuatorEffect) and t.effect.glides for i in t.place.indices
+            }
+            y = y + reduced_model.efforts.added(theta, *_commands_seen(reduced_model.efforts, runs, forces, gliding))
+    return y
+
+
+def _needs_finer_steps(term: Term) -> bool:
+    """Return whether a law has edges, or force sensors read it at the end of a step."""
+    is_read = term.effect.acts_in_drive and term.place.effort_in_drive is not None
+    return term.effect.traits.is_nonsmooth or is_read
 
 
 def _in_equilibrium(
@@ -142,6 +155,26 @@ def _inputs(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping
                 for i in term.place.indices:
                     out[:, s, :, i] = _acted(term.effect, p, runs, before[..., i], out[:, s, :, i])
     return out
+
+
+def _commands_seen(
+    efforts: EffortChannels, runs: list[Signals], forces: Array, gliding: Collection[int]
+) -> tuple[Array, Array]:
+    """Return recorded commands as force sensors see them, and their changes by effects.
+
+    Effects change held commands after the readings. Some let the commands of actuators glide within a sample.
+    """
+    count = runs[0].u.shape[1]
+    recorded, seen = np.zeros((2, len(forces), len(runs), count))
+    for i, run in enumerate(runs):
+        recorded[: len(run), i], seen[: len(run), i] = run.u, run.seen
+    acted, moves = forces[..., :count], np.array([[not run.at_rest] for run in runs])
+    changed = acted - recorded[:, None]
+    before = np.concatenate([changed[:1] * moves, changed[:-1]])
+    straight = (efforts.seen > 0.0) & (efforts.seen < 1.0)
+    glides = 0.5 * (np.concatenate([acted[:1] * moves, acted[:-1]]) + acted)
+    glides -= np.where(straight, seen, np.concatenate([seen[:1] * moves, recorded[:-1]]))[:, None]
+    return seen, np.where(straight | np.isin(np.arange(count), list(gliding)), glides, before)
 
 
 def _acted(effect: ActuatorEffect, p: Mapping[str, float], runs: list[Signals], before: Array, u: Array) -> Array:

@@ -116,6 +116,10 @@ class LoopLaw:
         Effect of a unit force over a substep on the states.
     direct : (n_sets, p) array
         Feedthrough of the force to the channels.
+    effort : (p,) array or None
+        Readings of force sensors per unit force; None for none.
+    seen : float
+        Share of a sample's own interval in these readings.
     port : int
         Index of the port.
     coil : int or None
@@ -129,6 +133,8 @@ class LoopLaw:
     direct: Array
     port: int
     coil: int | None
+    effort: Array | None = None
+    seen: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -239,6 +245,9 @@ def _with_laws(
     n_sets, n_runs, n, p = *starts.shape[:2], len(inputs), system.channels.shape[2]
     push, direct = np.stack([law.push for law in laws], axis=1), np.stack([law.direct for law in laws], axis=1)
     felt = push @ system.seen
+    efforts = np.zeros((0, p))
+    if any(law.effort is not None for law in laws):
+        efforts = np.array([np.zeros(p) if law.effort is None else law.effort for law in laws])
     graphs, registers = loaded(
         [law.graph for law in laws], [law.values for law in laws], [law.memory for law in laws], (n_sets, n_runs)
     )
@@ -260,6 +269,8 @@ def _with_laws(
         lanes(felt),
         lanes(direct),
         np.array([law.graph.force for law in laws], dtype=np.int64),
+        np.repeat(efforts[..., None], n_sets * n_runs, axis=2),
+        np.array([law.seen for law in laws]),
     )
     y = np.empty((n, p, n_sets * n_runs))
     integrate_lanes(

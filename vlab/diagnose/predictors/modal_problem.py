@@ -8,16 +8,18 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.diagnose.data.mains_interference import find_mains_interference, remove_mains_interference
 from vlab.diagnose.data.runs import Feedthrough, signals_of
+from vlab.diagnose.parameters.effort_channels import EffortChange, EffortChannels
 from vlab.diagnose.parameters.locations import Place, places_of
-from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, stiffness_of
+from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, changes_of, stiffness_of
 from vlab.diagnose.parameters.mode_selection import KeptModes, as_stepped, kept_modes
 from vlab.diagnose.parameters.observation import channel_rows, command_feedthrough
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns, limited, read_runs, recorded_commands
 from vlab.diagnose.parameters.reduced_model import Part, ReducedModel, TruncatedModes
 from vlab.diagnose.problem import Problem, model_kind_of
-from vlab.diagnose.settings import LOCATIONS, MODE_SELECTION
+from vlab.diagnose.settings import LOCATIONS, MODE_SELECTION, REDUCED_MODEL
 from vlab.errors import BadCase
 from vlab.plants.base import Plant
+from vlab.plants.effort_sensors import effort_rows
 from vlab.signals import Array
 
 
@@ -57,7 +59,11 @@ def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
     reduced_model = _reduced_model(case, recorded, modes, pushes, parameters, uncertainty.parts)
     damping = model_kind.damping_about_rest(plant, modes, reduced_model, parameters)
     reduced_model = replace(
-        reduced_model, shifts=uncertainty.shifts, coil_shifts=uncertainty.coil_shifts, damping=damping
+        reduced_model,
+        shifts=uncertainty.shifts,
+        coil_shifts=uncertainty.coil_shifts,
+        damping=damping,
+        efforts=_effort_channels(plant, recorded, parameters, reduced_model.shapes),
     )
     feedthrough = _feedthrough(case, recorded, modes, pushes, reduced_model)
     interferences, found = (
@@ -155,3 +161,30 @@ def _feedthrough(
     still, moving = modes.compliance(pushes)
     still[:, : len(case.plant.actuators)] += command_feedthrough(case.plant, recorded.channels)
     return Feedthrough(direct=reduced_model.rows.at_a @ into, still=still, moving=moving)
+
+
+def _effort_channels(
+    plant: Plant, recorded: RecordedRuns, parameters: Sequence[Uncertain], shapes: Array
+) -> EffortChannels | None:
+    """Return the channels that read forces of actuators, or None without one."""
+    channels = recorded.channels
+    rows = effort_rows(plant.model)
+    addresses = [() if c.sensor is None else plant.sensors[c.sensor].addresses for c in channels]
+    is_effort = np.array([bool(np.any(rows[list(own)])) for own in addresses])
+    if not np.any(is_effort):
+        return None
+    nominal, per_command = channel_rows(plant, channels), command_feedthrough(plant, channels)
+    seen = np.zeros(len(plant.actuators))
+    for drive in (drive for run in recorded.runs for drive in run.drives if drive.actuator is not None):
+        seen[drive.actuator] = 0.5 if not drive.is_held else float(drive.is_first)
+    step, found = REDUCED_MODEL.slope, []
+    for i, parameter in enumerate(parameters):
+        if parameter.is_of_actuator:
+            other = adjusted(plant, [parameter], np.array([np.log1p(step)]))  # readings are proportional to the factor
+            moved, driven = channel_rows(other, channels), command_feedthrough(other, channels)
+            at_q, at_v, commanded = (
+                is_effort[:, None] * change / step
+                for change in (moved.at_q - nominal.at_q, moved.at_v - nominal.at_v, driven - per_command)
+            )
+            found.append(EffortChange(by=i, at_q=at_q @ shapes, at_v=at_v @ shapes, per_command=commanded))
+    return EffortChannels(per_command=is_effort[:, None] * per_command, seen=seen, changes=tuple(found))

@@ -50,7 +50,10 @@ def unit_causes(
         return causes_of_impedance(effect, group, place)
     assert isinstance(effect, PortEffect)
     parts = [series(group, place, effect, values) for values in unit_amplitudes(effect, shape)]
-    return [Cause(series=np.stack(parts, axis=-1) / effect.probe, force=place.rows[0])]
+    force = np.stack(parts, axis=-1) / effect.probe
+    readings = place.effort_in_drive if effect.acts_in_drive else None
+    causes = [Cause(series=force, force=place.rows[0])]
+    return causes if readings is None else [*causes, *_read(_at_samples(force, place.seen), readings)]
 
 
 def causes_in_channel(effect: SensorEffect, shape: Shape, group: Group, place: Place) -> list[Cause]:
@@ -111,14 +114,27 @@ def causes_of_commands(effect: ActuatorEffect, shape: Shape, group: Group, place
     Returns
     -------
     list of Cause
-        One cause per actuator.
+        One cause per actuator, and one per force sensor that reads the actuator.
     """
+    out = []
+    for k, i in enumerate(place.indices):
+        changed = commands_changed(effect, group.u[..., i], shape, group.h, group.commands_before[:, i])
+        out.append(Cause(series=changed, force=forces[:, i]))
+        if place.efforts.size:  # a sample is taken before its command takes effect
+            out += _read(before(changed, stood=True), place.efforts[:, k])
+    return out
+
+
+def _at_samples(series: Array, seen: float) -> Array:
+    """Return forces over intervals as readings see them, with a share of a sample's own interval."""
+    return np.asarray((1.0 - seen) * before(series, stood=True) + seen * series)
+
+
+def _read(series: Array, readings: Array) -> list[Cause]:
+    """Return what force sensors read of a force or command, by channel."""
     return [
-        Cause(
-            series=commands_changed(effect, group.u[..., i], shape, group.h, group.commands_before[:, i]),
-            force=forces[:, i],
-        )
-        for i in place.indices
+        Cause(series=reading * series, channel=int(channel))
+        for channel, reading in zip(np.flatnonzero(readings), readings[readings != 0.0], strict=True)
     ]
 
 

@@ -29,6 +29,8 @@ class ActuatorEffect(ChannelEffect):
     """Whether the law remembers extremes of the command for any time, as hysteresis does."""
     keeps_constants: ClassVar[bool] = False
     """Whether a constant added to the command is added to the force, as in a delay or a slew limit."""
+    glides: ClassVar[bool] = False
+    """Whether the force moves on within a sample, as behind a lag, where commands are held."""
     keeps_time: ClassVar[bool] = False
     """Whether the law runs on a clock of its own that starts with the recording, as a hold does."""
 
