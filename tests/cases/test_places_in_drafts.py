@@ -83,7 +83,45 @@ def test_a_joint_with_the_name_of_a_quantity_is_found(tmp_path):
         ("pos_A", "position"),
         ("elbow_cmd [deg]", "command"),
         ("force_h", "force"),
+        ("Temps (s)", "time"),
+        ("temp [degC]", "temperature"),
     ],
 )
 def test_a_unit_decides_on_a_doubtful_word(name, kind):
     assert kind_of(name) == kind
+
+
+CART = """<mujoco model="cart"><option timestep="0.001"/><worldbody><body><joint name="rail" type="slide" axis="1 0 0" damping="5"/>
+<geom type="box" size="0.1 0.05 0.05" mass="2"/></body></worldbody>
+<actuator><position name="drive" joint="rail" kp="800" kv="60"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "mm"), (1.0, "m")])
+def test_size_decides_where_the_model_follows_its_command_in_any_unit(tmp_path, factor, unit):
+    (tmp_path / "cart.xml").write_text(CART)
+    model = mujoco.MjModel.from_xml_string(CART)
+    data, rows = mujoco.MjData(model), []
+    for k in range(1000):
+        data.ctrl[:] = 0.3 * np.sin(0.02 * k)
+        rows.append((0.005 * k, factor * data.ctrl[0], factor * data.qpos[0]))
+        for _ in range(5):
+            mujoco.mj_step(model, data)
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,command,position", comments="")
+    draft = draft_case(str(tmp_path / "cart.xml"), [tmp_path / "log.csv"], tmp_path)
+    assert [match.unit for match in draft.channels] == [unit, unit]
+
+
+def test_counts_of_an_encoder_are_no_degrees(tmp_path):
+    hinge = CART.replace('type="slide" axis="1 0 0"', 'type="hinge" axis="0 0 1"')
+    (tmp_path / "arm.xml").write_text(hinge)
+    model = mujoco.MjModel.from_xml_string(hinge)
+    data, rows = mujoco.MjData(model), []
+    for k in range(1000):
+        data.ctrl[:] = 0.3 * np.sin(0.02 * k)
+        rows.append((0.005 * k, *(np.rint(2048 + 4096 / (2 * np.pi) * x[0]) for x in (data.ctrl, data.qpos))))
+        for _ in range(5):
+            mujoco.mj_step(model, data)
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,goal_position,present_position", comments="")
+    draft = draft_case(str(tmp_path / "arm.xml"), [tmp_path / "log.csv"], tmp_path)
+    assert not any(match.is_unit_sure for match in draft.channels)
+    assert any("counts of an encoder: state scale" in line for line in draft.unsure)

@@ -152,6 +152,8 @@ def kind_of(name: str) -> str:
     """
     kind, unit = _kind_by_words(name), _unit_in_name(name)
     is_doubtful = len(unit) == 1 and not name.rstrip().endswith(("]", ")"))  # pos_A may be a position of a part A
+    if kind == "temperature" and unit and not is_doubtful and units.same_dimension(unit, "s"):
+        return "time"  # French: temps
     if kind not in UNIT_KINDS.values() or is_doubtful:
         return kind
     return kind_of_unit(unit) or kind
