@@ -325,7 +325,10 @@ def instance(made_by: Any, text: str) -> Any:
     try:
         return made_by()
     except FAILURES as error:
-        raise BadController(f"the law {text} cannot be made without arguments: {_said(error)}") from error
+        raise BadController(
+            f"the law {text} cannot be made without arguments: {_said(error)}; give every argument a default, or make the "
+            "law in Python: vlab.experiment(..., law=...)"
+        ) from error
 
 
 def _size(u: NDArray[np.float64]) -> str:
@@ -335,4 +338,18 @@ def _size(u: NDArray[np.float64]) -> str:
 
 
 def _said(error: BaseException) -> str:
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"[:300]
+    """Return an exception as one line, with the line of the user's file."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"[:300] + _line_of(error)
+
+
+def _line_of(error: BaseException) -> str:
+    """Return the last line of the user's file, or an empty text."""
+    file, line, step = "", 0, error.__traceback__
+    while step is not None:
+        of = step.tb_frame
+        is_own = str(of.f_globals.get("__name__", "")).startswith(("vlab.", "importlib"))
+        file = file or ("" if is_own else of.f_code.co_filename)
+        if file and of.f_code.co_filename == file:  # deeper frames are of packages that the file calls
+            line = step.tb_lineno
+        step = step.tb_next
+    return f" ({Path(file).name}:{line})" if file else ""

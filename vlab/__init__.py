@@ -84,4 +84,6 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    modules = {name for name, value in globals().items() if isinstance(value, ModuleType)}
+    special = {name for name in globals() if name.startswith("__")}
+    return sorted({*modules, *special, *__all__})

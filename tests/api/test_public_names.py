@@ -35,6 +35,10 @@ def test_every_public_name_is_there_and_documented():
         vlab.diagnos  # noqa: B018
 
 
+def test_the_listed_names_are_public():
+    assert not {"Any", "ModuleType", "TYPE_CHECKING", "import_module", "_HOMES"} & set(dir(vlab))
+
+
 def test_the_names_of_the_types_are_those_of_the_first_use():
     tree = ast.parse((ROOT / "__init__.py").read_text(encoding="utf-8"))
     (block,) = [node for node in tree.body if isinstance(node, ast.If)]

@@ -345,7 +345,7 @@ def test_a_log_without_any_place_names_columns_and_places(arm, tmp_path):
     model, _ = arm
     time, one, _ = swinging()
     log = write_table(tmp_path / "log.csv", t=time, pressure=one)
-    with pytest.raises(BadCase, match="no column shows a sensor or joint.*'pressure'.*joint:shoulder_pan"):
+    with pytest.raises(BadCase, match="no column shows a sensor, joint or site.*'pressure'.*joint:shoulder_pan"):
         draft_case(str(model), [log], tmp_path)
 
 

@@ -139,6 +139,15 @@ def test_an_output_that_is_late_or_early_is_noted(tmp_path, masses, samples, how
 
 
 @pytest.mark.slow
+def test_one_late_output_alone_may_be_due_to_its_input(tmp_path, masses):
+    late = changed(masses, lambda run: {"two": np.roll(run["two"], 6)})
+    alone = {name: {key: column for key, column in run.items() if key != "one"} for name, run in late.items()}
+    ((_, text),) = found(masses_case(tmp_path, alone))
+    assert "d2 is 30 ms late" in text
+    assert "its sensor is late, or motor acts late, which one channel cannot tell" in text
+
+
+@pytest.mark.slow
 def test_the_effect_that_is_offered_for_a_late_output_mends_the_case(tmp_path, masses):
     wrong = changed(masses, lambda run: {"two": np.roll(run["two"], 6)})
     ((_, text),) = found(masses_case(tmp_path, wrong))

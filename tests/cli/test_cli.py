@@ -246,6 +246,10 @@ def test_a_divergence_is_one_line_and_status_1(capsys, tmp_path):
         (["diagnose", "--out-folder=x"], "unknown option '--out-folder'; did you mean '--out'?"),
         (["--versoin"], "unknown option '--versoin'; did you mean '--version'?"),
         (["examples", "dance"], "vlab examples: unknown argument 'dance'"),
+        (
+            ["check", "a.xml", "b c.csv"],
+            "'b c.csv'; vlab check takes one case: draft it with vlab init a.xml 'b c.csv'",
+        ),
         (["experiment", "beam", "--out", "/dev/null/sub"], "lies in /dev/null, which is a file"),
         (["conceal", "--again", "/dev/null", "--out", "new"], "/dev/null is no folder of sealed cases"),
         (["--json"], "required: VERB"),

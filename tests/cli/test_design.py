@@ -86,6 +86,13 @@ def test_out_holds_the_design_its_figures_and_the_law(folders):
     np.testing.assert_array_equal(law.matrices[3], -np.array(document["gains"]["D"]))
 
 
+def test_the_text_names_the_files_that_were_written(capsys, monkeypatch, tmp_path):
+    blank_figures(monkeypatch)
+    _, out, _ = run(capsys, "design", "beam", "--law", "lqr", "--out", str(tmp_path / "lqr"))
+    _, _, named = out.strip().splitlines()[-1].partition("lqr: ")
+    assert sorted(named.split(", ")) == sorted({p.name for p in (tmp_path / "lqr").iterdir()} - {"manifest.json"})
+
+
 @pytest.mark.slow
 def test_the_written_law_runs_in_an_experiment(capsys, folders, tmp_path):
     words = ["--plant", "modal", "--seconds", "2", "--period", "1", "--band", "1", "30", "--rate", "1000"]

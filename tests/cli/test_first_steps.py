@@ -113,6 +113,8 @@ def test_check_names_a_turned_sign_and_its_line(capsys, case, tmp_path):
     (found,) = (f for f in document["findings"] if f["channel"] == "joint:elbow_flex" and f["mend"])
     assert "sign turned" in found["what"]
     assert found["mend"].startswith("scale = 0.01745")
+    _, out, _ = run(capsys, "check", str(wrong), "--allow-outside")
+    assert out.index("First correct the case as the warnings say") < out.index("next: vlab diagnose")
 
 
 def test_check_says_what_diagnose_would_refuse(capsys, case, tmp_path):

@@ -101,6 +101,22 @@ def test_files_that_cannot_become_a_law_are_refused(tmp_path, parts, message):
     assert "\n" not in str(caught.value)
 
 
+def test_a_failure_names_the_line_of_the_users_file(tmp_path, modal):
+    path = law_file(tmp_path, "return np.linalg.inv(np.zeros((1, 1)))[0]")
+    line = 1 + next(
+        i for i, text in enumerate(Path(path.rpartition(":")[0]).read_text().splitlines()) if "inv(" in text
+    )
+    with pytest.raises(BadController, match=rf"LinAlgError: Singular matrix \(\w+\.py:{line}\)$"):
+        run(load_user_law(path), modal)
+
+
+def test_a_law_with_arguments_says_what_to_do(tmp_path):
+    path = tmp_path / "damper.py"
+    path.write_text("class Damper:\n    def __init__(self, gain): pass\n")
+    with pytest.raises(BadController, match=r"give every argument a default, or make the law in Python"):
+        load_user_law(f"{path}:Damper")
+
+
 @pytest.mark.parametrize("missing", ["step", "reset"])
 def test_a_law_without_its_methods_is_refused(tmp_path, missing):
     path = tmp_path / "half.py"
@@ -118,7 +134,7 @@ def test_a_law_without_its_methods_is_refused(tmp_path, missing):
         ("return np.zeros((1, 1))", r"gave an array of shape \(1, 1\)"),
         ("return None", "gave nothing at sample 1; does step"),
         ("return ['push']", "fails in step\\(\\) at sample 1: ValueError"),
-        ("raise RuntimeError('no\\nidea')", "fails in step\\(\\) at sample 1: RuntimeError: no idea"),
+        ("raise RuntimeError('no\\nidea')", r"fails in step\(\) at sample 1: RuntimeError: no idea \(\w+\.py:\d+\)$"),
     ],
 )
 def test_answers_that_are_no_commands_are_refused_before_the_run(tmp_path, modal, step, message):

@@ -117,3 +117,8 @@ def test_a_channel_effect_transfers_a_signal_as_its_law_does():
     assert np.array_equal(clipping.transfer(u, {"limit": 0.3}, 0.01, t), clipping.actuate(u, {"limit": 0.3}, 0.01))
     p = {q.name: 0.2 for q in drift.parameters}
     assert np.array_equal(drift.transfer(u, p, 0.01, t), drift.sense(u, p, 0.01, t))
+
+
+def test_a_delay_of_sensor_or_actuator_is_told_by_a_second_sensor():
+    assert "second sensor" in separating_measurement({"timing"}, is_of_both_ends=True)
+    assert "first-order lag" in separating_measurement({"timing"})

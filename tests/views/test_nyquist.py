@@ -5,6 +5,7 @@ import pytest
 
 from vlab.errors import BadRecording
 from vlab.views.figures import nyquist_figure, to_svg
+from vlab.views.figures.design import _lines
 
 FREQ = np.geomspace(0.1, 10.0, 200)
 
@@ -36,3 +37,11 @@ def test_equal_figures_give_equal_text():
 def test_what_cannot_be_drawn_is_refused(loop):
     with pytest.raises(BadRecording):
         nyquist_figure(FREQ, loop)
+
+
+def test_a_resonance_is_drawn_as_a_circle():
+    pole = 2 * np.pi * 1.85 * np.array([-0.01 + 1j, -0.01 - 1j])
+    freq = _lines(0.5, 10.0, [pole])
+    loop = 1.0 / (2j * np.pi * freq - pole[0])
+    turns = np.abs(np.diff(np.unwrap(np.angle(loop - 0.5 / -pole[0].real))))
+    assert np.degrees(turns.max()) < 2.1

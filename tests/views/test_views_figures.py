@@ -195,3 +195,13 @@ def test_curves_with_a_role_have_its_colour():
     pair = [("recorded", recording()), ("simulated", recording())]
     axes = figures.traces_figure(pair, roles=("measured", "nominal")).axes[0]
     assert [line.get_color() for line in axes.lines] == [ROLES[role]["color"] for role in ("measured", "nominal")]
+
+
+def test_short_lengths_are_drawn_in_millimetres():
+    """An axis of metres has an offset that no reader sees."""
+    time = np.arange(200) / 100.0
+    channel = Channel(name="probe", kind="displacement", unit="m", at="30in")
+    short = Recording(time=time, data=1e-4 * np.sin(9.0 * time)[:, None], channels=(channel,))
+    (axes,) = figures.traces_figure([("run", short)]).axes
+    assert "[mm]" in axes.get_ylabel()
+    assert np.abs(axes.lines[0].get_ydata()).max() == pytest.approx(0.1, rel=0.01)

@@ -18,6 +18,7 @@ from vlab.errors import BadExperiment, OutputRefused
 from vlab.lab.run_folder import RunSettings, perform
 from vlab.recordings import read_recording
 from vlab.views.rerun import live, viewer
+from vlab.views.rerun.traces import axis_unit
 
 QUICK = RunSettings(structure="beam", plant="modal", seconds=0.6, period_s=0.6, low_hz=10.0, high_hz=30.0, law="mfdrf")
 WORDS = "--plant modal --seconds 0.6 --period 0.6 --band 10 30 --law mfdrf"
@@ -91,7 +92,8 @@ def test_every_sample_of_a_live_run_arrives(saver, tmp_path, capsys):
                 values.setdefault(piece.entity_path, {}).update(dict(zip(steps.tolist(), block, strict=True)))
     assert {rows[entity] for entity in values} == {len(recording)}
     found = {tuple(c) for block in values.values() for c in np.array([block[k] for k in sorted(block)]).T[:, ::41]}
-    assert found == {tuple(c) for c in recording.data.T[:, ::41]}
+    factors = [axis_unit(channel.unit)[0] for channel in recording.channels]
+    assert found == {tuple(c) for c in (recording.data * factors).T[:, ::41]}
     assert (
         rows["/structure/bars/beam"] == rows["/structure/forces/base"] == 37
     )  # pictures: one every 33 samples of 1200

@@ -15,6 +15,7 @@ def test_sweeps_are_drawn_over_delay_and_gain(beam, fe, laboratory):
     left, right = sweep_figure([("MFDRF", report)]).axes
     assert left.get_xlabel() == "delay [samples]"
     assert "[1/s]" in left.get_ylabel()
+    assert "linear within" in left.get_ylabel()
     assert right.get_xlabel() == "factor on all commands [-]"
     assert left.lines[0].get_ydata() == pytest.approx([p["growth_per_s"] for p in report["delay_sweep"]])
 

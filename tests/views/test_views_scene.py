@@ -18,6 +18,7 @@ from vlab.signals import Channel, FrequencyResponse, Recording
 from vlab.views.figures import ROLES
 from vlab.views.rerun import bars, documents, scene, traces
 from vlab.views.rerun.frames import Motion
+from vlab.views.rerun.traces import axis_unit
 
 HOSTILE = "<script>/../$x ![a](http://b)"
 
@@ -86,7 +87,9 @@ def test_every_sample_of_every_channel_is_written(written, run):
     assert timelines == {"sim_time", "step"}
     columns = [np.array(column(written, entity, "scalars")) for entity in traces]
     found = {tuple(values) for block in columns for values in block.T[:, ::97]}
-    assert found == {tuple(values) for values in run.recording.data.T[:, ::97]}
+    factors = [axis_unit(channel.unit)[0] for channel in run.recording.channels]
+    assert 1e3 in factors
+    assert found == {tuple(values) for values in (run.recording.data * factors).T[:, ::97]}
 
 
 def test_structure_moves_at_the_stored_configurations(written, run, beam):
@@ -176,7 +179,7 @@ def test_comparison_overlays_and_subtracts(tmp_path):
     assert set(rows.values()) == {1998}  # the samples that lie within the simulation
     assert timelines == {"sim_time", "step"}
     rest = np.array(column(path, "/comparison/0/residual", "scalars")).ravel()
-    assert rest == pytest.approx(0.5 * np.sin(9 * time[1:-1]), abs=1e-4)
+    assert rest == pytest.approx(500.0 * np.sin(9 * time[1:-1]), abs=0.1)  # mm/s
     for what in ("measured", "nominal", "residual"):
         assert look(path, f"/comparison/0/{what}", "colors") == [packed(ROLES[what]["color"])]
 

@@ -7,7 +7,8 @@ from rerun import chunk
 from rerun.chunk import RrdReader
 
 from vlab.views.rerun.frames import Motion
-from vlab.views.rerun.two_runs import load_two, write_two_runs
+from vlab.views.rerun.traces import axis_unit
+from vlab.views.rerun.two_runs import WIDTHS, load_two, write_two_runs
 
 QUICK = ["--plant", "modal", "--seconds", "0.5", "--period", "0.5", "--band", "4", "30"]  # one period: no responses
 
@@ -53,7 +54,9 @@ def test_two_runs_are_shown_over_each_other(capsys, folders, tmp_path):
     assert len(of_b) == len(runs[1].recording.channels) == 11
     assert {e[:-2] for e in of_a} < {e[:-2] for e in of_b}
     found = {tuple(np.ravel(traces[entity])) for entity in of_b}
-    assert found == {tuple(values) for values in runs[1].recording.data.T}
+    factors = [axis_unit(channel.unit)[0] for channel in runs[1].recording.channels]
+    assert found == {tuple(values) for values in (runs[1].recording.data * factors).T}
+    assert WIDTHS[0] > WIDTHS[1]  # the second run is drawn over the first
     words = texts(tmp_path / "both.rrd")
     assert "law**: none / mfdrf" in words
     assert "seed" not in words  # the same in both

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from vlab.plants.base import ONE_WAY, Plant
 from vlab.recordings.overview import kind_of
@@ -18,6 +19,8 @@ _INPUTS = ("command", "moment", "force", "voltage", "current")
 """Kinds of a column that more often drive than show a model."""
 _GENERIC = {"joint", "jnt", "hinge", "slide", "servo", "motor", "actuator", "act", "sensor", "encoder", "enc"}
 """Words of an element's name that say what the element is; a log often leaves such words out."""
+_MOTIONS = {"position": "displacement", "velocity": "velocity", "acceleration": "acceleration", "": "displacement"}
+"""Kinds of motion of a site, by the quantity that a name suggests."""
 _OUTER = re.compile(r".*[./]")
 _NUMBER = re.compile(r"(?:\[(\d+)\]|[_/.]?(\d+))\s*(?:[._/]\w+)?\s*$")
 
@@ -29,7 +32,7 @@ class Suggestion:
     Parameters
     ----------
     at : str
-        Actuator, sensor or joint of the model.
+        Actuator, sensor, joint or site of the model.
     kind : str
         Kind of channel.
     is_input : bool
@@ -89,9 +92,52 @@ def suggest(
     tap = next((tap for tap in plant.sensors if tap.name == named), None)
     if tap is not None:
         return Suggestion(at=tap.name, kind=tap.kind, is_input=False)
+    site = _at_site(column, plant, kind)
+    if site is not None:
+        return site
     own = _OUTER.sub("", column)  # an entry of a nested log
     is_actuator = is_input is None and own in [tap.name for tap in plant.actuators]
     return Suggestion(at=own, kind="command", is_input=True) if is_actuator and kind in ("", "position") else None
+
+
+def _at_site(column: str, plant: Plant, kind: str) -> Suggestion | None:
+    """Return the motion of a site along one axis.
+
+    The axis stands in the name, or is the only one along which the site moves. A sensor of several values with such a name and quantity comes first.
+    """
+    sites = list(dict.fromkeys(axis[5:-2] for axis in plant.ports if axis.startswith("site:")))
+    site = _named(column, sites)
+    if site is None or kind not in _MOTIONS:
+        return None
+    of_kind = {tap.name.rpartition(".")[0] for tap in plant.sensors if not kind or tap.kind == _MOTIONS[kind]}
+    if _named(column, sorted(of_kind - {""})) is not None:
+        return None
+    axes = [f"site:{site}.{axis}" for axis in "xyz" if f"site:{site}.{axis}" in plant.ports]
+    data: Any = mujoco.MjData(plant.model)
+    mujoco.mj_forward(plant.model, data)
+    sizes = {axis: float(np.abs(plant.ports[axis].row(data)).max(initial=0.0)) for axis in axes}
+    still = np.sqrt(np.finfo(float).eps) * max(sizes.values(), default=0.0)
+    moving = [axis for axis, size in sizes.items() if size > still]
+    named = [axis for axis in axes if axis[-1] in _words(column)]
+    chosen = named or moving
+    return Suggestion(at=chosen[0], kind=_MOTIONS[kind], is_input=False) if len(chosen) == 1 else None
+
+
+def element_of(at: str) -> str:
+    """Return the name of the element at a place.
+
+    Parameters
+    ----------
+    at : str
+        Place, such as ``joint:elbow`` or ``site:tip.y``.
+
+    Returns
+    -------
+    str
+        Name, such as ``elbow`` or ``tip``.
+    """
+    kind, _, name = at.rpartition(":")
+    return name.rpartition(".")[0] if kind == "site" else name
 
 
 def joints_of(plant: Plant) -> list[str]:

@@ -13,6 +13,7 @@ import importlib
 import io
 import json
 import os
+import shlex
 import sys
 import traceback
 import warnings
@@ -204,6 +205,14 @@ def _uncollected(verb: str | None) -> Iterator[None]:
         gc.freeze()
 
 
+def _draft_first(arguments: argparse.Namespace, unknown: Sequence[str]) -> str:
+    """Return a hint for a model and logs in place of a case."""
+    model = str(getattr(arguments, "case", ""))
+    if not model.lower().endswith(".xml") or unknown[0].startswith("-"):
+        return ""
+    return f"; vlab {arguments.verb} takes one case: draft it with vlab init {shlex.join([model, *unknown])}"
+
+
 def _run(words: Sequence[str]) -> int:
     """Run one command, print its outcome, and return its exit status."""
     chosen = next((word for word in words if word in VERBS), None)
@@ -215,7 +224,7 @@ def _run(words: Sequence[str]) -> int:
         _check_words(parser, words)
         arguments, unknown = parser.parse_known_args(words)
         if unknown:
-            where = "; write it after the command" if unknown[0] in OF_ALL else ""
+            where = "; write it after the command" if unknown[0] in OF_ALL else _draft_first(arguments, unknown)
             parser_of(parser, arguments.verb).error(f"unknown argument {unknown[0]!r}{where}")
         module = _module(arguments.verb)
     if "mujoco" in sys.modules:  # MuJoCo would log warnings to the working folder; `check_run` reports them

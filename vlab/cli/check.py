@@ -67,7 +67,9 @@ def run(arguments: argparse.Namespace) -> Outcome:
     if not checked.refused:
         words = ["vlab", "diagnose", str(arguments.case), *([OUTSIDE] if arguments.allow_outside else [])]
         document["next"] = shlex.join([*words, "--out", "out/diagnosis"])
-        lines += ["", f"next: {document['next']}"]
+        has_mistakes = any(remark.severity != "note" and remark.mend for remark in checked.remarks)
+        first = ["First correct the case as the warnings say, and check it again."] if has_mistakes else []
+        lines += ["", *first, f"next: {document['next']}"]
     return Outcome(document=document, text="\n".join(lines))
 
 

@@ -1,6 +1,7 @@
 """``vlab design``."""
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from vlab.controllers.lqdrf import KINDS
 from vlab.controllers.rate_feedback_design import PRINTED
 from vlab.errors import BadDesign, unknown_name
 from vlab.fe.reduced import MODELS
+from vlab.files.output_folder import MANIFEST
 from vlab.files.text import in_line
 from vlab.hardware.array_controller import array_text
 from vlab.lab.robustness import robustness_text
@@ -157,7 +159,6 @@ def _text(title: str, document: dict[str, Any]) -> str:
     if "robustness" in document:
         lines += ["", "in the sampled loop on the full model:", robustness_text(document["robustness"])]
     if "out" in document:
-        lines.append(
-            f"written to {document['out']}: design.json, figures; controller.toml where the law can run in a loop"
-        )
+        there = sorted(path.name for path in Path(document["out"]).iterdir() if path.name != MANIFEST)
+        lines.append(f"written to {document['out']}: {', '.join(there)}")
     return "\n".join(lines)

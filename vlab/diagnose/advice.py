@@ -318,8 +318,11 @@ def next_measurement(choice: Choice, verdict: str, shown: Sequence[str] = (), at
         return "a recording at a level several times higher, which brings out what grows with amplitude"
     if verdict == "none-of-these":
         return "a sensor on both sides of the place where the mismatch is largest, and three levels of a periodic excitation"
-    families = {t.effect.family for h in (choice.best, *choice.alike) for t in h.terms[:1]}
-    measurement = separating_measurement(families) if len(families) > 1 or len(choice.alike) > 1 else ""
+    firsts = [t for h in (choice.best, *choice.alike) for t in h.terms[:1]]
+    families = {t.effect.family for t in firsts}
+    is_of_both_ends = {"actuator", "sensor"} <= {t.place.name.partition(":")[0] for t in firsts}
+    is_open = len(families) > 1 or len(choice.alike) > 1
+    measurement = separating_measurement(families, is_of_both_ends=is_of_both_ends) if is_open else ""
     if measurement:
         return measurement
     if len([p for p in choice.places.values() if p > ADVICE.open_place]) > 1:

@@ -42,6 +42,8 @@ class Family:
     separated_by : mapping of str to str
         By another family's name, the measurement that separates the two; by the own name, the measurement that separates
         effects within the family.
+    separates_ends : str
+        Measurement that tells an effect of a sensor from one of an actuator; "" for the one of the family.
     tested_by : str
         Measurement that can refute a single finding; "" for none.
     """
@@ -59,6 +61,7 @@ class Family:
     related: frozenset[str] = frozenset()
     accompanied_by: str = ""
     separated_by: Mapping[str, str] = field(default_factory=dict)
+    separates_ends: str = ""
     tested_by: str = ""
 
 
@@ -79,13 +82,15 @@ def register_family(family: Family) -> None:
         raise ValueError(f"the family {family.name!r} has other traits already; give the new family a name of its own")
 
 
-def separating_measurement(names: Collection[str]) -> str:
+def separating_measurement(names: Collection[str], *, is_of_both_ends: bool = False) -> str:
     """Return the measurement that separates families, or effects within one.
 
     Parameters
     ----------
     names : collection of str
         Names of families.
+    is_of_both_ends : bool
+        Whether a sensor and an actuator remain as places.
 
     Returns
     -------
@@ -93,6 +98,8 @@ def separating_measurement(names: Collection[str]) -> str:
         The first measurement in the order of `FAMILIES`; "" if no family names one.
     """
     for family in FAMILIES.values():
+        if is_of_both_ends and family.separates_ends and set(names) == {family.name}:
+            return family.separates_ends
         for other, measurement in family.separated_by.items():
             if {family.name, other} <= set(names) and (family.name != other or len(set(names)) == 1):
                 return measurement
@@ -178,6 +185,8 @@ _LISTED = (
         separated_by={
             "timing": "excitation up to frequencies where a delay turns the phase by much more than a first-order lag"
         },
+        separates_ends="a second sensor beside the first one, read by another path: a late sensor is late beside the second "
+        "one, a late actuator makes both late",
         tested_by="a step of the command and its answer, sampled ten times as fast",
     ),
     Family(

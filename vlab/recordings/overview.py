@@ -28,7 +28,7 @@ WORDS = {
         *("commanded", "cmds", "actions", "des", "reference", "tgt", "sp", "control", "pwm", "duty"),
     ),
     "moment": ("torque", "effort", "tau", "moment", "trq"),
-    "force": ("force", "load"),
+    "force": ("force",),
     "current": ("current", "amp", "amps"),
     "voltage": ("voltage", "volt", "volts"),
     "acceleration": ("acc", "accel", "acceleration", "qacc"),
@@ -38,8 +38,10 @@ WORDS = {
         *("ang", "theta", "angles", "positions"),
     ),
     "frequency": ("freq", "frequency", "f", "hz"),
+    "load": ("load",),
 }
-"""WORDS: parts of names by the quantity that they suggest; the first match counts."""
+"""WORDS: parts of names by the quantity that they suggest; the first match counts. A load is a force where no other word
+counts, for a body may have that name."""
 UNIT_KINDS = {
     "N m": "moment",
     "N": "force",
@@ -146,12 +148,24 @@ def kind_of(name: str) -> str:
     Returns
     -------
     str
-        Key of `WORDS`.
+        Key of `WORDS`. A unit in the name that belongs to another quantity than the words decides.
     """
+    kind, unit = _kind_by_words(name), _unit_in_name(name)
+    is_doubtful = len(unit) == 1 and not name.rstrip().endswith(("]", ")"))  # pos_A may be a position of a part A
+    if kind == "temperature" and unit and not is_doubtful and units.same_dimension(unit, "s"):
+        return "time"  # French: temps
+    if kind not in UNIT_KINDS.values() or is_doubtful:
+        return kind
+    return kind_of_unit(unit) or kind
+
+
+def _kind_by_words(name: str) -> str:
+    """Return the quantity that the words of a name suggest."""
     if name.lower() in TIMES:
         return "time"
     parts = [name.lower(), *(part.lower() for part in _SPLIT.split(name) if part)]
-    return next((kind for kind, words in WORDS.items() if set(parts) & set(words)), "")
+    kind = next((kind for kind, words in WORDS.items() if set(parts) & set(words)), "")
+    return "force" if kind == "load" else kind
 
 
 def kind_of_unit(unit: str) -> str:
@@ -205,7 +219,7 @@ def _unit_in_name(name: str) -> str:
     word = match[1]
     is_bracketed = name.rstrip().endswith(("]", ")"))
     is_quantity = word.lower() in sum(WORDS.values(), ()) and word.lower() not in TURNING
-    is_hours = word == "h" and kind_of(name) == "time"
+    is_hours = word == "h" and _kind_by_words(name) == "time"
     if not is_bracketed and ((len(word) == 1 and word not in "NVAsm" and not is_hours) or is_quantity):
         return ""
     return word if units.same_dimension(word, word) else ""

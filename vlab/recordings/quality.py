@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlab.recordings.consistency import NEAR, known_factor, mismatches
+from vlab.recordings.ticks import even_in_ticks, resolution_of
 from vlab.recordings.wraps import wraps
 from vlab.signals import Array, Channel, Recording
 
@@ -25,8 +26,6 @@ difference of 1.4e-5; two sensors differ more."""
 
 USUAL = 0.02
 """USUAL [1]: share of long time steps above which sampling counts as uneven, without gaps."""
-FINEST_DIGIT = 9
-"""FINEST_DIGIT [1]: last decimal of time stamps, of nanoseconds; finer stamps count as exact."""
 COARSE = 0.03
 """COARSE [1]: smallest reported ratio of quantisation step to standard deviation. The quantisation noise,
 step/sqrt(12), is then above 1 %."""
@@ -101,6 +100,10 @@ def _count(number: int, noun: str) -> str:
 def _time(recording: Recording) -> Iterator[Finding]:
     steps = np.diff(recording.time)
     usual, long = float(np.median(steps)), long_step(recording.time)
+    coarse = even_in_ticks(recording.time)
+    if coarse is not None:
+        yield Finding("time", "jitter", coarse.advice, "warning")
+        return
     gaps = np.flatnonzero(steps > long)
     if gaps.size:
         lost = int(np.sum(np.rint(np.minimum(steps[gaps] / usual, 1e12)) - 1))
@@ -117,32 +120,6 @@ def _time(recording: Recording) -> Iterator[Finding]:
             f"the time steps vary from {regular.min():g} to {regular.max():g} s ({100 * spread:.2g} %)",
             severity,
         )
-
-
-def resolution_of(time: Array) -> float:
-    """Return the resolution of decimal time stamps.
-
-    Even times that are rounded to a resolution r have steps that differ by r at most.
-
-    Parameters
-    ----------
-    time : (n,) array
-        Time stamps [s].
-
-    Returns
-    -------
-    float
-        Largest power of ten of which all steps are multiples [s]; 0.0 for none beyond the rounding of the numbers.
-    """
-    steps = np.diff(time)
-    rounding = 4 * float(np.spacing(np.abs(time).max()))
-    for digits in range(FINEST_DIGIT + 1):
-        step = 10.0**-digits
-        if rounding > 0.01 * step:
-            return 0.0
-        if np.abs(steps - step * np.rint(steps / step)).max() <= rounding:
-            return step
-    return 0.0
 
 
 def long_step(time: Array) -> float:

@@ -275,8 +275,11 @@ def open_table(
     data = read_guarded(path, folder=folder)
     check_bound(data, Path(path) if folder is None else Path(folder) / path)
     read = importlib.import_module(READERS[suffix]).read if installed is None else installed
+    pairs = importlib.import_module("vlab.recordings.stamp_pairs")  # builds tables itself
+    parts = None if columns is None else pairs.split_names(columns)
+    blanks = EVERY if blanks is EVERY else frozenset(pairs.split_names(blanks))
     try:
-        table = cast(Table, read(data, Path(path), names=names, columns=columns, blanks=blanks))
+        table = cast(Table, read(data, Path(path), names=names, columns=parts, blanks=blanks))
     except VlabError:
         raise
     except MemoryError as error:
@@ -287,6 +290,8 @@ def open_table(
         # format libraries raise a dozen kinds of error on damaged files, with one meaning here
         what = f"not a readable {suffix[1:]} file: {error}"
         raise refuse(path, what, fix="the file is damaged; export or copy it again") from error
+    if table.channels is None:
+        table = pairs.with_sums(table, columns)
     for name in columns or ():
         table[name]
     return table

@@ -91,7 +91,9 @@ def shifts(now: Beside) -> list[Found]:
         middle = float(np.median(list(late.values())))
         if all(abs(seconds - middle) <= SAME * abs(middle) for seconds in late.values()):
             return [_of_all(now, tuple(late), middle)]
-    return [_of_one(name, seconds) for name, seconds in late.items()]
+    is_only = sum(bool(of_runs) for of_runs in now.channels.values()) == 1
+    inputs = _inputs(now) if is_only else ""
+    return [_of_one(name, seconds, inputs) for name, seconds in late.items()]
 
 
 def _same_shift(now: Beside, name: str) -> float | None:
@@ -119,22 +121,35 @@ def _same_shift(now: Beside, name: str) -> float | None:
     return middle
 
 
-def _of_one(name: str, seconds: float) -> Found:
+def _of_one(name: str, seconds: float, inputs: str) -> Found:
+    """Return the finding on one channel, beside inputs that may be late."""
     size = f"{1e3 * abs(seconds):.3g} ms"
     if seconds > 0.0:
-        text = (
-            f"{name} is {size} late beside the model in every recording, all else the same: it was stamped late, or its sensor is late; "
-            f'either shift the column, or state it: [[model.effect]] name = "sensor-delay", place = "{name}", '
-            f"parameters = {{ delay = {seconds:.4g} }}"
-        )
+        text = f"{name} is {size} late beside the model in every recording, all else the same: it was stamped late, "
+        if inputs:  # no other output shows whether the input is late
+            text += (
+                f"its sensor is late, or {inputs} acts late, which one channel cannot tell; to state it of the sensor: "
+            )
+        else:
+            text += "or its sensor is late; either shift the column, or state it: "
+        text += f'[[model.effect]] name = "sensor-delay", place = "{name}", parameters = {{ delay = {seconds:.4g} }}'
         return Found(severity="note", text=text, channels=(name,))
     text = f"{name} is {size} early beside the model in every recording, all else the same; shift the column in the file by as much"
     return Found(severity="note", text=text, channels=(name,))
 
 
+def _inputs(now: Beside) -> str:
+    """Return the names of the driving channels."""
+    return " and ".join(dict.fromkeys(drive.channel for run in now.runs for drive in run.drives))
+
+
 def _of_all(now: Beside, names: tuple[str, ...], seconds: float) -> Found:
-    inputs = " and ".join(dict.fromkeys(drive.channel for run in now.runs for drive in run.drives)) or "the model"
+    inputs = _inputs(now)
     how = "late" if seconds > 0.0 else "early"
-    text = f"all outputs are {1e3 * abs(seconds):.3g} ms {how} beside {inputs} and the model, all else the same"
-    text += "" if seconds > 0.0 else ": the inputs were stamped late"
+    beside = f"{inputs} and the model" if inputs else "the model"
+    text = f"all outputs are {1e3 * abs(seconds):.3g} ms {how} beside {beside}, all else the same"
+    if seconds < 0.0:
+        text += ": the inputs were stamped late"
+    elif inputs:
+        text += f": {inputs} acts late, or all outputs were stamped late"
     return Found(severity="note", text=text, channels=names)

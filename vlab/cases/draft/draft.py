@@ -217,14 +217,15 @@ def _doubtful(channels: Sequence[Match]) -> list[str]:
 def _no_output(log: Log, plant: Plant, matched: Matched, hints: Sequence[str]) -> BadCase:
     """Return the error for a log without any motion of the model."""
     sensors = [tap.name for tap in plant.sensors]
-    places = [*sensors, *(f"joint:{name}" for name in joints_of(plant))]
+    sites = [name for name in plant.ports if name.startswith("site:")]
+    places = [*sensors, *(f"joint:{name}" for name in joints_of(plant)), *sites]
     names = [log.label(c.name) for c in log.columns]
     driven = [match.label for match in matched.used]
     found = f", only inputs ({', '.join(map(repr, driven))})" if driven else ""
     reasons = [*matched.unread, *hints]
     why = f"; {reasons[0]}" if reasons else ""
     return BadCase(
-        f"{one_line(log.path)}: no column shows a sensor or joint of the model{found}; columns: "
+        f"{one_line(log.path)}: no column shows a sensor, joint or site of the model{found}; columns: "
         f"{', '.join(map(repr, names[:MOST_LISTED]))}; places: {', '.join(places[:MOST_LISTED]) or 'none'}{why}; "
-        "name a column after its joint or sensor, or write the case by hand"
+        "name a column after its joint, sensor or site, or write the case by hand"
     )

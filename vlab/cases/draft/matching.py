@@ -14,7 +14,7 @@ from scipy import signal
 from vlab import units
 from vlab.cases.draft.logs import Log
 from vlab.cases.draft.vector_sensors import VectorSensor, vector_sensor
-from vlab.cases.places import Suggestion, actuators_of, is_in_name, joints_of, numbered_from, suggest
+from vlab.cases.places import Suggestion, actuators_of, element_of, is_in_name, joints_of, numbered_from, suggest
 from vlab.files.text import in_line
 from vlab.plants.base import ActuatorTap, Plant
 from vlab.recordings.overview import ColumnOverview, kind_of, kind_of_unit
@@ -288,7 +288,7 @@ class _Matcher:
 
     def _element(self, found: Suggestion) -> list[str]:
         """Return the names of a place and of its joint."""
-        name = found.at.removeprefix("joint:")
+        name = element_of(found.at)
         return [name, *(j for j in joints_of(self.plant) if found.is_input and name in actuators_of(self.plant, j))]
 
     def _has_other_unit(self, match: Match) -> bool:

@@ -45,7 +45,7 @@ CLEARLY = 0.5
 far more; a tie of linear models stays near 1."""
 
 HALFWAY = 30.0
-"""HALFWAY [1]: motion of a log in metres over that of the model, halfway from metres to millimetres."""
+"""HALFWAY [1]: motion of a log in metres over that of the model, or over its size, halfway from metres to millimetres."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,9 +106,30 @@ def choose_units(log: Log, clock: LogClock, plant: Plant, used: Sequence[Match])
         ]  # their sizes belong together
         all_alike = [out[i] for g in alike for i in groups[g]]
         unit, why = said.get(group) or tried.get(group) or _by_size(log, clock, plant, group.si, out, all_alike, said)
+        counts = next((w for i in members if (w := _counts(log, out[i], unit))), "")
         for i in members:
-            out[i] = replace(out[i], unit=unit, why_unit=why, is_unit_sure=sure)
+            out[i] = replace(out[i], unit=unit, why_unit=counts or why, is_unit_sure=sure and not counts)
     return tuple(out)
+
+
+def _counts(log: Log, match: Match, unit: str) -> str:
+    """Return a doubt on an angle that looks like counts of an encoder.
+
+    Whole numbers within one turn, and more than one turn off zero, are no angle in degrees.
+    """
+    if unit != "deg" and unit != "rad":
+        return ""
+    values = _values(log, match)
+    turn = TURN / units.factor(unit, "rad")
+    if not values.size or not np.all(values == np.rint(values)):
+        return ""
+    middle = float(np.median(values))
+    if abs(middle) < turn or np.ptp(values) >= abs(middle):
+        return ""
+    return (
+        f"whole numbers about {middle:g}, as counts of an encoder: state scale, the rad a count, in place of unit, and "
+        "offset, the count at zero"
+    )
 
 
 def _by_turn(matches: Sequence[Match], groups: Mapping[Group, Sequence[int]]) -> dict[Group, tuple[str, str]]:
@@ -319,6 +340,8 @@ def _metres(
     if largest <= extent:
         return "m", f"values up to {largest:.4g} are less than the model's size of {extent:.3g} m"
     beyond = f"values up to {largest:.4g} are more than the model's size of {extent:.3g} m"
+    if any(m.is_input for m in members):  # the motion of the model grows with the unit of its command
+        return "mm" if largest > HALFWAY * extent else "m", f"{beyond}; the model follows the command in m and in mm"
     size = _size_beside_model(log, clock, plant, matches, members, "m")
     if size is None or size > HALFWAY:
         return "mm", beyond

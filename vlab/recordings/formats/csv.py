@@ -23,11 +23,13 @@ import pyarrow.csv
 from numpy.typing import NDArray
 
 from vlab.errors import BadRecording
+from vlab.files.text import one_line
 from vlab.recordings.files import refuse
 from vlab.recordings.formats.blanks import tabbed
 from vlab.recordings.formats.cells import DECIMAL_COMMA, cut_line, parse_number
-from vlab.recordings.formats.csv_head import Layout, check_names, layout_of, stated_units
+from vlab.recordings.formats.csv_head import SAME_COLUMNS, Layout, check_names, is_unit, layout_of, stated_units
 from vlab.recordings.formats.csv_labels import SIGNATURE, read_labels
+from vlab.recordings.formats.faults import WITHOUT_THOUSANDS, footer, has_thousands, pointed_thousands
 from vlab.recordings.formats.list_cells import expanded
 from vlab.recordings.formats.text_stamps import lines_of, read_stamps
 from vlab.recordings.stamps import FORM, is_stamp, is_timelike
@@ -40,7 +42,7 @@ from vlab.recordings.table import (
 BLANK_WORDS = ["", "NaN", "nan", "NAN", "NA", "N/A", "null", "NULL", "None"]
 """BLANK_WORDS: contents of a cell without a reading."""
 _LOOKED_AT = 2**16  # bytes that show the line ends
-_BRACKETED = re.compile(r".*\S\s*[\[(]([^\[\]()]+)[\])]")
+_BRACKETED = re.compile(r".*\S(\s*)[\[(]([^\[\]()]+)[\])]")
 
 
 def read(
@@ -92,7 +94,11 @@ def read(
         layout = replace(layout, keep=tuple(i for i in layout.keep if layout.names[i] in columns))
     layout = replace(layout, blank=frozenset(i for i in layout.keep if layout.names[i] in blanks))
     if _has_decimal_commas(data, layout):
-        body = data[layout.offset :].replace(b",", b".")
+        body = data[layout.offset :]
+        if pointed := pointed_thousands(body):
+            line = layout.line + body[: body.find(pointed.encode())].count(b"\n")
+            raise layout.fail(line, f"{pointed!r} has a point beside decimal commas", fix=WITHOUT_THOUSANDS)
+        body = body.replace(b",", b".")
         data, notes = data[: layout.offset] + body, (*notes, "commas are read as decimal signs")
     if blanks is EVERY and labels is None:
         return _each(data, layout, notes)
@@ -186,8 +192,9 @@ def _stated_units(layout: Layout) -> dict[str, str]:
     if layout.units:
         return stated_units(layout, {i: layout.names[i] for i in layout.keep}) | seconds
     found = {layout.names[i]: _BRACKETED.fullmatch(layout.names[i].strip()) for i in layout.keep}
-    stated = {name: match[1].strip() for name, match in found.items() if match is not None}
-    return {name: unit for name, unit in stated.items() if not unit.isdecimal()} | seconds  # q[0] is an element
+    stated = {name: (match[1], match[2].strip()) for name, match in found.items() if match is not None}
+    # q[0] and position[elbow] are elements
+    return {n: u for n, (gap, u) in stated.items() if is_unit(u) or (gap and not u.isdecimal())} | seconds
 
 
 def _on_stamps(layout: Layout) -> list[str]:
@@ -207,6 +214,7 @@ def _has_decimal_commas(data: bytes, layout: Layout) -> bool:
     text = data[layout.offset : end if end >= 0 else len(data)].decode("utf-8", errors="replace")
     cells = [cell.strip() for cell in text.split(layout.delimiter)]
     cells = [cell for cell in cells if not is_stamp(cell.strip('"'))]
+    cells = [cell for cell in cells if not has_thousands(cell, "")]
     return "." not in "".join(cells) and any(DECIMAL_COMMA.fullmatch(cell) for cell in cells)
 
 
@@ -277,17 +285,17 @@ def _slow(data: bytes, layout: Layout) -> list[NDArray[Any]]:
             continue
         if text.lstrip().startswith("#"):
             continue
-        if blank:
-            raise layout.fail(
-                blank, "an empty line between the numbers", fix="the file is damaged or was written twice"
-            )
         is_last = offset + len(raw) == len(data) and not raw.endswith(b"\n")
-        cells = cut_line(text, layout.delimiter, layout.path, number)
-        if len(cells) != layout.width:
-            raise _ragged(layout, number, len(cells), is_last)
-        if layout.width > len(layout.names) and cells[-1]:
-            raise layout.fail(number, f"{layout.width} cells for {len(layout.names)} names")
-        numbers = [_cell(layout, number, i, cells[i], is_last) for i in layout.keep]
+        try:
+            if blank:
+                what = "an empty line between the numbers"
+                raise layout.fail(blank, what, fix="the file is damaged or was written twice")
+            numbers = _row(layout, number, text, is_last=is_last)
+        except BadRecording as error:
+            at_end = _footer_fault(data, layout, (offset, number))
+            if at_end is not None:
+                raise at_end from error
+            raise
         if not imaginary and any(isinstance(value, complex) for value in numbers):
             imaginary = array("d", bytes(8 * len(real)))
         real.extend(value.real for value in numbers)
@@ -299,6 +307,38 @@ def _slow(data: bytes, layout: Layout) -> list[NDArray[Any]]:
     both = np.empty(table.shape, dtype=complex)
     both.real, both.imag = table, np.frombuffer(imaginary, dtype=float).reshape(table.shape)
     return [column.copy() if column.imag.any() else column.real.copy() for column in both.T]
+
+
+def _row(layout: Layout, line: int, text: str, *, is_last: bool) -> list[complex]:
+    """Return the numbers of a line, or raise with its fault."""
+    cells = cut_line(text, layout.delimiter, layout.path, line)
+    if len(cells) != layout.width:
+        raise _ragged(layout, line, text, len(cells), is_last=is_last)
+    if layout.width > len(layout.names) and cells[-1]:
+        raise layout.fail(line, f"{layout.width} cells for {len(layout.names)} names")
+    return [_cell(layout, line, i, cells[i], is_last) for i in layout.keep]
+
+
+def _footer_fault(data: bytes, layout: Layout, at: tuple[int, int]) -> BadRecording | None:
+    """Return the error for text after the numbers, or None.
+
+    Parameters
+    ----------
+    data : bytes
+        Bytes of the file.
+    layout : Layout
+        Head of the file.
+    at : tuple of (int, int)
+        Offset and number of the first odd line.
+    """
+    rest = enumerate(lines_of(data, layout.path, at[0]), start=at[1])
+    first = next(lines_of(data, layout.path, layout.offset))[1]
+    lines = [(layout.line, first), *((number, raw) for number, (_, raw) in rest)]
+    found = footer([(number, raw.decode("utf-8", errors="replace")) for number, raw in lines], layout.delimiter)
+    if found is None:
+        return None
+    what = f"text after the numbers: {one_line(found.text, longest=60)!r}"
+    return layout.fail(found.first, what, fix=f"delete line{'' if found.is_single else 's'} {found.lines}")
 
 
 def _plain_row(raw: bytes, delimiter: bytes, layout: Layout) -> list[float]:
@@ -333,6 +373,8 @@ def _cell(layout: Layout, line: int, index: int, cell: str, is_last: bool) -> co
             fix = "write time stamps in every line, or numbers"
         elif is_timelike(cell):
             fix = f"write times in seconds, or as {FORM}"
+        elif has_thousands(cell, ""):
+            fix = WITHOUT_THOUSANDS
         elif re.fullmatch(r"[+-]?\d+,\d+", cell):
             fix = "use a point as the decimal sign"
         elif len(cell.split()) > 1:
@@ -347,7 +389,7 @@ def _cell(layout: Layout, line: int, index: int, cell: str, is_last: bool) -> co
     return value
 
 
-def _ragged(layout: Layout, line: int, cells: int, is_last: bool) -> BadRecording:
+def _ragged(layout: Layout, line: int, text: str, cells: int, *, is_last: bool) -> BadRecording:
     if is_last and cells < layout.width:
         return layout.fail(
             line,
@@ -357,5 +399,5 @@ def _ragged(layout: Layout, line: int, cells: int, is_last: bool) -> BadRecordin
     return layout.fail(
         line,
         f"{cells} cells where {layout.width} are expected",
-        fix="every line needs the same columns; check the delimiter",
+        fix=WITHOUT_THOUSANDS if cells > layout.width and has_thousands(text, layout.delimiter) else SAME_COLUMNS,
     )

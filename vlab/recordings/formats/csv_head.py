@@ -10,6 +10,7 @@ from vlab import units as known_units
 from vlab.errors import BadRecording
 from vlab.recordings.files import refuse
 from vlab.recordings.formats.cells import cut_line, is_number, parse_number
+from vlab.recordings.formats.faults import WITHOUT_THOUSANDS, has_thousands
 from vlab.recordings.formats.text_stamps import lines_of
 from vlab.recordings.stamps import is_stamp
 from vlab.recordings.table import MAX_COLUMNS
@@ -20,6 +21,8 @@ DELIMITERS = ";\t,|"
 """DELIMITERS: accepted delimiters, in the order in which a line of numbers is tried."""
 LONGEST_PREAMBLE = 2 * MAX_COLUMNS
 """LONGEST_PREAMBLE [1]: largest number of lines above the numbers."""
+SAME_COLUMNS = "every line needs the same columns; check the delimiter"
+"""SAME_COLUMNS: advice on lines of unequal length."""
 _MOST_TITLES = 100
 _READINGS = {"counts", "count", "ticks", "tick", "raw", "lsb", "steps", "pulses"}  # units of converters and encoders
 _NO_UNITS = {"none", "n/a", "na", "a.u.", "au"}
@@ -156,7 +159,8 @@ def layout_of(data: bytes, path: Path, names: Sequence[str] | None, *, is_lenien
                 fix="give every column a name that is not a number",
             )
         what = f"line {number}: {len(cells)} cells where {len(rows[-1])} are expected"
-        raise refuse(path, what, fix="every line needs the same columns; check the delimiter")
+        is_cut = len(cells) > len(rows[-1]) and has_thousands(text, delimiter)
+        raise refuse(path, what, fix=WITHOUT_THOUSANDS if is_cut else SAME_COLUMNS)
     else:
         count = len(_stripped(cells))
         header, units = _commented(comments, delimiter, count)
@@ -314,10 +318,11 @@ def _names_and_units(block: Sequence[Sequence[str]]) -> tuple[int, tuple[str, ..
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    return all(_is_unit(cell) for cell in cells)
+    return all(is_unit(cell) for cell in cells)
 
 
-def _is_unit(cell: str) -> bool:
+def is_unit(cell: str) -> bool:
+    """Return whether a text is blank, a unit, or a word for readings without one."""
     bare = cell.strip("[]() ")
     if len(bare) < 2:
         return not bare or bare in _LETTERS

@@ -17,6 +17,9 @@ from vlab.views.figures.robustness import dampers_figure, sweep_figure
 
 DRAWN = 16
 """DRAWN [-]: highest mode of the structure in the drawing of a law as dampers."""
+CHORD_DEG = 2.0
+"""CHORD_DEG [deg]: turn between two points of a resonance circle. A chord is off the circle by 0.02 % of the radius, less
+than the width of its line."""
 
 
 def write_figures(folder: Path, figures: dict[str, Figure]) -> None:
@@ -132,7 +135,8 @@ def _lowest(fe: FeModel) -> float:
 def _lines(low: float, high: float, poles: list[Any]) -> Array:
     """Return frequencies [Hz], dense around resonances for round Nyquist circles."""
     lines = [np.geomspace(low, high, 800)]
-    around = np.sinh(np.linspace(-4, 4, 81))  # half widths of the resonance
+    turns = np.radians(np.arange(-180.0 + CHORD_DEG, 180.0, CHORD_DEG))
+    around = np.tan(turns / 2.0)  # half widths of the resonance at equal turns on its circle
     for s in np.concatenate(poles):
         if 0 < s.imag < 2 * np.pi * high:
             lines.append((s.imag + abs(s.real) * around) / (2 * np.pi))

@@ -10,6 +10,9 @@ from numpy.typing import ArrayLike
 from vlab.errors import BadRecording
 from vlab.views.figures.style import COLOURS, GREY, INK, as_text, draw_legend, draw_line, stacked_axes, styled
 
+LINEAR = 0.1
+"""LINEAR [1/s]: end of the linear part of the axis of growth, which is logarithmic on both sides."""
+
 
 @styled
 def sweep_figure(reports: Sequence[tuple[str, dict[str, Any]]]) -> Figure:
@@ -41,14 +44,16 @@ def sweep_figure(reports: Sequence[tuple[str, dict[str, Any]]]) -> Figure:
             points = report[key]
             line = draw_line(row, [p[name] for p in points], [p["growth_per_s"] for p in points], k)
             handles.append(line)
-        row.set_yscale("symlog", linthresh=0.1)
+        row.set_yscale("symlog", linthresh=LINEAR)
         row.margins(x=0)
     growths = np.concatenate(
         [[p["growth_per_s"] for p in r[k]] for _, r in reports for k in ("delay_sweep", "gain_sweep")]
     )
     axes[0].set_ylim(1.3 * min(growths.min(), -0.1), 1.3 * max(growths.max(), 0.1))
     axes[0].axvline(reports[0][1]["delay_samples"], color=INK, lw=0.8, linestyle=":")
-    axes[0].set(xlabel="delay [samples]", ylabel="growth of the least stable pole [1/s]")
+    axes[0].set(
+        xlabel="delay [samples]", ylabel=f"growth of the least stable pole [1/s]\n(linear within ±{LINEAR:g}/s)"
+    )
     axes[1].set(xlabel="factor on all commands [-]", xscale="log")
     for row, key, name in ((axes[0], "delay_sweep", "samples"), (axes[1], "gain_sweep", "factor")):
         for k, (_, report) in enumerate(reports):

@@ -176,9 +176,9 @@ def channel_label(channel: Channel) -> str:
     return f"{kind} {channel.at}".strip() if channel.at else channel.name
 
 
-def axis_label(channel: Channel, *, power: str = "") -> str:
-    """Return the axis label of a channel."""
-    return as_text(f"{channel_label(channel)}\n[{pretty_unit(channel.unit)}{power}]")
+def axis_label(channel: Channel, *, power: str = "", unit: str = "") -> str:
+    """Return the axis label of a channel, in its own unit by default."""
+    return as_text(f"{channel_label(channel)}\n[{pretty_unit(unit or channel.unit)}{power}]")
 
 
 def readable(channel: Channel, largest: float) -> tuple[float, str]:

@@ -110,14 +110,16 @@ def traces_figure(
     figure, axes = stacked_axes(len(found), each=1.1)
     handles: dict[str, Any] = {}
     for row, channel in zip(axes, found, strict=True):
+        drawn = [r[channel.name][_stretch(r.time, start, stop)] for _, r in recordings if channel.name in r.names]
+        factor, unit = readable(channel, max((float(np.abs(y).max()) for y in drawn if y.size), default=0.0))
         for k, (label, recording) in enumerate(recordings):
             if channel.name in recording.names:
                 keep = _stretch(recording.time, start, stop)
-                x, y = recording.time[keep], recording[channel.name][keep]
+                x, y = recording.time[keep], factor * recording[channel.name][keep]
                 look = {} if roles is None else ROLES[roles[k]]
                 dash = {"linestyle": "-"} if x.size > 4 * limit else {}
                 handles[label] = draw_line(row, *decimate(x, y, limit=limit), k, **{"lw": 0.8, **look, **dash})
-        row.set_ylabel(as_text(f"[{pretty_unit(channel.unit)}]") if is_titled else axis_label(channel))
+        row.set_ylabel(as_text(f"[{pretty_unit(unit)}]") if is_titled else axis_label(channel, unit=unit))
         if is_titled:
             row.set_title(as_text(channel_label(channel)), loc="left")
         row.ticklabel_format(axis="y", scilimits=(-3, 4))

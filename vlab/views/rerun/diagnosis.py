@@ -13,7 +13,7 @@ from vlab.signals import Recording
 from vlab.views.figures import channel_label, pretty_unit
 from vlab.views.rerun.documents import cell, fact_list, log_document
 from vlab.views.rerun.rrd import blueprint, identity_of, plain, role_rgb, rrd_file
-from vlab.views.rerun.traces import log_series, plot_view
+from vlab.views.rerun.traces import axis_unit, log_series, plot_view
 
 ROWS = 4
 """ROWS [-]: channels on one page."""
@@ -60,10 +60,11 @@ def write_scene(path: Path | str, checked: Sequence[Checked], *, title: str, fac
         for j, (name, errors) in enumerate(run.channels.items()):
             channel = run.measured.channels[run.measured.index(name)]
             unit, origin = pretty_unit(channel.unit), f"/diagnosis/{i}/{j}"
+            shown = axis_unit(channel.unit)[1]
             over = plot_view(
-                f"{channel_label(channel)} [{unit}]", origin, contents=[f"$origin/{_entity(n)}" for n in WIDTHS]
+                f"{channel_label(channel)} [{shown}]", origin, contents=[f"$origin/{_entity(n)}" for n in WIDTHS]
             )
-            rest = plot_view(f"residual [{unit}]", origin, contents=["$origin/left/**"])
+            rest = plot_view(f"residual [{shown}]", origin, contents=["$origin/left/**"])
             rows.append(rrb.Horizontal(over, rest, column_shares=[3, 2], name=plain(name)))
             numbers = " | ".join(f"{e:.3g}" for e in errors[1:])
             lines.append(f"| {cell(run.name)} | {cell(name)} | {cell(unit)} | {numbers} |")
@@ -85,13 +86,14 @@ def _recordings(checked: Sequence[Checked]) -> list[Recording]:
 
 
 def _log_channel(stream: Any, run: Checked, name: str, origin: str) -> None:
-    time, truth = run.measured.time, run.measured[name]
+    factor, _ = axis_unit(run.measured.channels[run.measured.index(name)].unit)
+    time, truth = run.measured.time, factor * run.measured[name]
     shown = {"measured": run.measured, run.stands: run.standing, "extended": run.extended}
     for label, width in WIDTHS.items():
         recording, colour = shown.get(label), role_rgb(label)
         if recording is None:
             continue  # unbounded simulation, or no added physics
-        values = np.asarray(recording[name])
+        values = factor * np.asarray(recording[name])
         log_series(stream, f"{origin}/{_entity(label)}", time, values, label, colour, width=width)
         if label != "measured":
             log_series(stream, f"{origin}/left/{_entity(label)}", time, truth - values, f"residual, {label}", colour)

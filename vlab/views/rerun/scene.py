@@ -28,7 +28,7 @@ from vlab.views.rerun.modes import ModalScene
 from vlab.views.rerun.rrd import arranged, blueprint, identity_of, plain, role_rgb, rrd_file
 from vlab.views.rerun.spectra import SpectrumScene
 from vlab.views.rerun.structure import StructureScene, sensible_exaggeration
-from vlab.views.rerun.traces import PEAKS, log_series, log_traces, plot_view, trace_views
+from vlab.views.rerun.traces import PEAKS, axis_unit, log_series, log_traces, plot_view, trace_views
 
 __all__ = ["PEAKS", "port_deflections", "sensible_exaggeration", "write_bodies", "write_comparison", "write_run"]
 
@@ -281,9 +281,9 @@ def write_comparison(
     found = [(measured.channels[measured.index(name)], *aligned(measured, simulated, name)) for name in names]
     rows, lines = [], ["", "| channel | unit | rms measured | rms residual | residual |", "|---|---|---|---|---|"]
     for i, (channel, _, truth, model) in enumerate(found):
-        label = f"{channel_label(channel)} [{pretty_unit(channel.unit)}]"
+        label = f"{channel_label(channel)} [{axis_unit(channel.unit)[1]}]"
         over = plot_view(label, f"/comparison/{i}", contents=["$origin/measured", "$origin/nominal"])
-        rest = plot_view(f"residual [{pretty_unit(channel.unit)}]", f"/comparison/{i}", contents=["$origin/residual"])
+        rest = plot_view(f"residual [{axis_unit(channel.unit)[1]}]", f"/comparison/{i}", contents=["$origin/residual"])
         rows.append(rrb.Horizontal(over, rest, column_shares=[3, 2], name=plain(channel.name)))
         levels = f"{np.sqrt(np.mean(truth**2)):.3g} | {np.sqrt(np.mean((truth - model) ** 2)):.3g}"
         percent = f"{residual_percent(truth, model):.3g} %"
@@ -295,7 +295,9 @@ def write_comparison(
     document = rrb.TextDocumentView(name="facts", origin="/facts")
     layout = blueprint(rrb.Horizontal(rrb.Tabs(*pages) if len(pages) > 1 else pages[0], document, column_shares=[3, 1]))
     with rrd_file(path, title, layout, identity_of(measured, simulated)) as stream:
-        for i, (_, time, truth, model) in enumerate(found):
+        for i, (channel, time, measured_si, simulated_si) in enumerate(found):
+            factor, _ = axis_unit(channel.unit)
+            truth, model = factor * measured_si, factor * simulated_si
             curves = (
                 ("measured", truth, 2.5),
                 ("nominal", model, 1.5),

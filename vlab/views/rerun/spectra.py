@@ -7,9 +7,10 @@ import rerun.blueprint as rrb
 from scipy import signal
 
 from vlab.signals import Array, Channel, Recording
-from vlab.views.figures import channel_label, pretty_unit
+from vlab.views.figures import channel_label
 from vlab.views.rerun.bars import bar_view, log_bars
 from vlab.views.rerun.rrd import plain, rgb, time_columns
+from vlab.views.rerun.traces import axis_unit
 
 WINDOW_S, EVERY_S = 4.0, 0.5
 """WINDOW_S, EVERY_S [s]: window of a spectrum with lines 0.25 Hz apart, and time between two spectra."""
@@ -18,8 +19,6 @@ KEPT = 0.999
 ROWS = 4
 """ROWS [-]: channels on one page."""
 _RESPONSES = ("displacement", "velocity", "acceleration", "angle", "angular-velocity", "angular-acceleration", "strain")
-_MILLI = {"m": "mm", "m/s": "mm/s"}
-"""_MILLI: units shown in thousandths, for the axis has few digits."""
 
 
 class SpectrumScene:
@@ -72,7 +71,7 @@ class SpectrumScene:
         ends = self.ends(len(recording) if until is None else until, since)
         indexes = time_columns(recording.time[ends - 1], ends - 1)
         for k, channel in enumerate(self.channels):
-            rows = self._scale(channel) * self.spectra(recording[channel.name], ends)
+            rows = axis_unit(channel.unit)[0] * self.spectra(recording[channel.name], ends)
             step = float(self.freq[1])
             log_bars(stream, f"spectra/{k}", indexes, rows, middles=self.freq[: self.lines], width=step, colour=rgb(k))
 
@@ -80,16 +79,13 @@ class SpectrumScene:
         """Return the views, on several pages if there are many."""
         views = []
         for k, channel in enumerate(self.channels):
-            unit = _MILLI.get(channel.unit, pretty_unit(channel.unit))
+            unit = axis_unit(channel.unit)[1]
             views.append(bar_view(f"{channel_label(channel)}, last {WINDOW_S:g} s [{unit}] over Hz", f"/spectra/{k}"))
         if len(views) <= ROWS:
             return views
         pages = [views[i : i + ROWS] for i in range(0, len(views), ROWS)]
         first = [plain(self.channels[i].name) for i in range(0, len(views), ROWS)]
         return [rrb.Tabs(*(rrb.Vertical(*page, name=name) for page, name in zip(pages, first, strict=True)))]
-
-    def _scale(self, channel: Channel) -> float:
-        return 1e3 if channel.unit in _MILLI else 1.0
 
 
 def _highest(recording: Recording, channels: list[Channel]) -> float:

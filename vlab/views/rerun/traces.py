@@ -13,7 +13,25 @@ from vlab.views.rerun.rrd import PAPER, plain, rgb, time_columns
 
 PEAKS = rr.components.AggregationPolicy.MinMax
 """PEAKS: thinning of traces by extremes; the viewer's default, the average, hides peaks."""
+MILLI = {"m": "mm", "m/s": "mm/s"}
+"""MILLI: units shown in thousandths; the viewer labels small values with one tick, 0."""
 _KIND_ORDER = ("displacement", "velocity", "acceleration", "force", "command", "excitation")
+
+
+def axis_unit(unit: str) -> tuple[float, str]:
+    """Return factor and unit of an axis.
+
+    Parameters
+    ----------
+    unit : str
+        SI unit of the values.
+
+    Returns
+    -------
+    tuple of (float, str)
+        Factor on the values, and the unit for the label.
+    """
+    return (1e3, MILLI[unit]) if unit in MILLI else (1.0, pretty_unit(unit))
 
 
 def log_series(
@@ -72,9 +90,10 @@ def _groups(recording: Recording) -> dict[tuple[str, str], list[Channel]]:
 def log_traces(stream: Any, recording: Recording, *, since: int = 0, until: int | None = None) -> None:
     """Log a recording's channels from sample `since` to before `until`."""
     part = slice(since, until)
-    for i, channels in enumerate(_groups(recording).values()):
-        labels = [f"{channel_label(c)} [{pretty_unit(c.unit)}]" for c in channels]
-        values = recording.data[part, [recording.index(c.name) for c in channels]]
+    for i, ((_, si), channels) in enumerate(_groups(recording).items()):
+        factor, unit = axis_unit(si)
+        labels = [f"{channel_label(c)} [{unit}]" for c in channels]
+        values = factor * recording.data[part, [recording.index(c.name) for c in channels]]
         colours = [rgb(k) for k in range(len(channels))]
         log_many(stream, f"traces/{i}", recording.time[part], values, labels, colours, first=since)
 
@@ -83,7 +102,7 @@ def trace_views(recording: Recording) -> list[Any]:
     """Return the plots of the entities of `log_traces`."""
     views = []
     for i, (kind, unit) in enumerate(_groups(recording)):
-        views.append(plot_view(f"{kind} [{pretty_unit(unit)}]", f"/traces/{i}"))
+        views.append(plot_view(f"{kind} [{axis_unit(unit)[1]}]", f"/traces/{i}"))
     return views
 
 

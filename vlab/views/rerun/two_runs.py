@@ -18,11 +18,13 @@ from vlab.views.rerun.documents import cell, fact_list, log_document
 from vlab.views.rerun.frames import Motion
 from vlab.views.rerun.rrd import BLUE, ORANGE, blueprint, identity_of, plain, rrd_file
 from vlab.views.rerun.structure import StructureScene, sensible_exaggeration
-from vlab.views.rerun.traces import log_series, plot_view
+from vlab.views.rerun.traces import axis_unit, log_series, plot_view
 
 ROWS = 4
 """ROWS [-]: channels on one page."""
 LETTERS, COLOURS = "ab", (BLUE, ORANGE)
+WIDTHS = (2.5, 1.5)
+"""WIDTHS [points]: line widths of the two runs; the viewer draws the second run over the first, which must show."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,7 +117,7 @@ def write_two_runs(path: Path | str, runs: Sequence[ShownRun], *, exaggeration: 
     order.sort(key=lambda name: channels[name].kind in ("command", "force", "excitation"))  # responses first
     rows = []
     for i, name in enumerate(order):
-        label = f"{channel_label(channels[name])} [{pretty_unit(channels[name].unit)}]"
+        label = f"{channel_label(channels[name])} [{axis_unit(channels[name].unit)[1]}]"
         rows.append(plot_view(label, f"/channels/{i}"))
     pages = [rrb.Vertical(*rows[i : i + ROWS], name=plain(f"{order[i]} ...")) for i in range(0, len(rows), ROWS)]
     plots = rrb.Tabs(*pages) if len(pages) > 1 else pages[0]
@@ -127,16 +129,11 @@ def write_two_runs(path: Path | str, runs: Sequence[ShownRun], *, exaggeration: 
         for scene in scenes:
             scene.log(stream)
         for i, name in enumerate(order):
-            for letter, colour, run in zip(LETTERS, COLOURS, runs, strict=True):
+            factor = axis_unit(channels[name].unit)[0]
+            for letter, colour, width, run in zip(LETTERS, COLOURS, WIDTHS, runs, strict=True):
                 if name in run.recording.names:
-                    log_series(
-                        stream,
-                        f"channels/{i}/{letter}",
-                        run.recording.time,
-                        run.recording[name],
-                        plain(run.name),
-                        colour,
-                    )
+                    time, values = run.recording.time, factor * run.recording[name]
+                    log_series(stream, f"channels/{i}/{letter}", time, values, plain(run.name), colour, width=width)
     return Path(path)
 
 
