@@ -50,6 +50,7 @@ def contents(folder):
 def test_the_evidence_is_a_file_a_campaign():
     """Beside the campaigns stand their description and commitments to cases that are not answered yet."""
     assert [file.name for file in SHIPPED] == [
+        "arms-14.jsonl.xz",
         "arms-16.jsonl.xz",
         "arms-20.jsonl.xz",
         "beams-4.jsonl.xz",

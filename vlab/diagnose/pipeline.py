@@ -256,8 +256,7 @@ class _Pass:
     def _again(self, searched: _Searched, judged: _Judged) -> Diagnosed | None:
         """Return the diagnosis of another search where this one fails.
 
-        A sensor fault can absorb the linear error of a model, and the forward selection then misses the physics. The second
-        search is without sensor faults, the third for a tabulated force at a place.
+        A sensor fault can absorb the linear error of a model. The second search is without these, the third for a table.
         """
         assert judged.tried is not None
         is_weak = judged.verdict == "partly-explained" and not explains_most(judged.tried.checked)

@@ -187,8 +187,8 @@ def integrate_lanes(
     clock : tuple of int, float and (n_runs,) array
         Steps per sample, step [s] and time of every run's first sample [s].
     laws : tuple of array
-        Port, command, state, port-motion and feedthrough maps of every law, the register of its force, the map to the
-        readings of force sensors, empty for none, and the share of a sample's own interval in these.
+        Port, command, state, port-motion and feedthrough maps of every law, and the register of its force. Then the map to
+        the readings of force sensors, empty for none, and the share of a sample's own interval in these.
     graphs : tuple of array
         Expression graphs of the laws.
     registers : (n_registers, n_lanes) array

@@ -80,7 +80,7 @@ class Place:
 
     @property
     def effort_in_drive(self) -> Array | None:
-        """Readings (n_channels,) of force sensors per unit force of a law within the servo; None for none."""
+        """Readings (n_channels,) of force sensors per unit force within the servo."""
         if not np.any(self.efforts) or self.servo is None:
             return None
         return np.asarray(self.efforts[:, 0] / self.servo.gain)

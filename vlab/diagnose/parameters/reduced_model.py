@@ -421,7 +421,20 @@ class ReducedModel:
         return replace(self.rows, at_q=self.rows.at_q + more[:, : self.m], at_v=self.rows.at_v + more[:, self.m :])
 
     def shifted(self, theta: Array) -> Array:
-        """Return additional rows (n_sets, n_channels, 2m) of shifted sensors per [p, p']."""
+        """Return additional rows of the channels.
+
+        Shifted sensors and changed gains of actuators add rows.
+
+        Parameters
+        ----------
+        theta : (n_sets, n_changes) array
+            Log factors, and shifts.
+
+        Returns
+        -------
+        (n_sets, n_channels, 2m) array
+            Rows per [p, p'].
+        """
         out = np.zeros((len(theta), len(self.rows.at_q), 2 * self.m))
         for shift in self.shifts:
             out[:, shift.sensor] += theta[:, shift.by, None] * np.concatenate([shift.at_q, shift.at_v])

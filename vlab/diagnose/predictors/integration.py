@@ -262,7 +262,10 @@ class _Marcher:
 
 
 def _to_the_end(steps: int, substeps: int) -> float:
-    """Return the weight of a substep in an extrapolation to an end of the interval, by its distance from there."""
+    """Return the weight of a substep in an extrapolation.
+
+    The extrapolation goes to an end of the interval. `steps` counts from there.
+    """
     return 1.0 if substeps == 1 else {0: 1.5, 1: -0.5}.get(steps, 0.0)
 
 

@@ -102,7 +102,10 @@ def channels(
 
 
 def _needs_finer_steps(term: Term) -> bool:
-    """Return whether a law has edges, or force sensors read it at the end of a step."""
+    """Return whether a law needs finer steps.
+
+    The law has edges, or force sensors read it at the end of a step.
+    """
     is_read = term.effect.acts_in_drive and term.place.effort_in_drive is not None
     return term.effect.traits.is_nonsmooth or is_read
 

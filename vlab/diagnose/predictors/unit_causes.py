@@ -126,7 +126,7 @@ def causes_of_commands(effect: ActuatorEffect, shape: Shape, group: Group, place
 
 
 def _at_samples(series: Array, seen: float) -> Array:
-    """Return forces over intervals as readings see them, with a share of a sample's own interval."""
+    """Return forces over intervals as readings see them."""
     return np.asarray((1.0 - seen) * before(series, stood=True) + seen * series)
 
 
