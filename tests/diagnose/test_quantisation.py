@@ -45,6 +45,20 @@ def test_steps_are_found_beneath_noise_that_came_after_them():
     assert found.step == pytest.approx(0.2, rel=5e-3)
 
 
+@pytest.mark.parametrize("seed", [0, 2, 3, 8, 9])
+def test_a_drive_of_limited_speed_between_two_ends_is_not_quantised(seed):
+    """The drive moves by about a fifth of the way in a sample, and stands at the ends most of the time."""
+    rng, x, at = np.random.default_rng(seed), [], 0.0
+    for end in (5.0, 0.0) * 4:
+        x += [at] * 20
+        while abs(end - at) > 1.2:
+            at += np.sign(end - at) * rng.normal(0.96, 0.15)
+            x.append(at)
+        at = end
+    x = np.array(x) + 0.02 * rng.standard_normal(len(x))
+    assert sensor_steps([run_of(np.arange(len(x)) / 100.0, {"a": rounded(x, 0.01)})]) == ()
+
+
 @pytest.mark.parametrize("step", [0.07, 0.3])
 def test_a_joint_that_dwells_at_taught_positions_is_not_quantised(step):
     """A servo moves a joint from one multiple of an angle to the next, and stays there most of the time."""

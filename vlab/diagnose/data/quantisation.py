@@ -14,7 +14,7 @@ import numpy as np
 
 from vlab.cases.channel_map import Run, compared_names
 from vlab.diagnose.data.noise import noise_levels
-from vlab.diagnose.settings import QUANTISATION
+from vlab.diagnose.settings import QUANTISATION, VERDICT
 from vlab.signals import Array
 
 
@@ -109,10 +109,18 @@ def _step(values: Array, least: float) -> tuple[float, float] | None:
 
 
 def _jumps(values: Array, step: float) -> bool:
-    """Return whether values after a jump stand on the steps."""
+    """Return whether values after a jump stand on the steps, as well as all values.
+
+    A motion between two ends stands on them at rest and passes between them. The modulus of a mean of n random phases
+    has Rayleigh's distribution, with exp(-n r^2) as probability of more than r.
+    """
     moved = values[1:][np.abs(np.diff(values)) > 0.5 * step]
+    if moved.size < QUANTISATION.fewest_jumps:
+        return False
+    of_all, after = (float(abs(np.exp(2j * np.pi * x / step).mean())) for x in (values, moved))
     least = QUANTISATION.sharp if np.std(values) >= step else QUANTISATION.exact
-    return moved.size >= QUANTISATION.fewest_jumps and abs(np.exp(2j * np.pi * moved / step).mean()) > least
+    by_chance = np.sqrt(-np.log(VERDICT.false_alarm_rate) / moved.size)
+    return after > max(least, of_all - by_chance)
 
 
 def _passes_between(values: Array, step: float) -> bool:
