@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import erfc
+from scipy.stats import binom
 
 from vlab.cases.channel_map import Run, compared_names
 from vlab.diagnose.data.noise import noise_levels
@@ -105,22 +107,32 @@ def _step(values: Array, least: float) -> tuple[float, float] | None:
         )
     ]
     steps = (_refined(values, cycles[i], cycles[1]) for i in peaks[: QUANTISATION.most_peaks])
-    return next((s for s in steps if _jumps(values, s[0]) and not _passes_between(values, s[0])), None)
+    return next((s for s in steps if _stands_on(values, s[0])), None)
+
+
+def _stands_on(values: Array, step: float) -> bool:
+    return _jumps(values, step) and not _passes_between(values, step) and not _lies_between(values, step)
 
 
 def _jumps(values: Array, step: float) -> bool:
-    """Return whether values after a jump stand on the steps, as well as all values.
-
-    A motion between two ends stands on them at rest and passes between them. The modulus of a mean of n random phases
-    has Rayleigh's distribution, with exp(-n r^2) as probability of more than r.
-    """
+    """Return whether values after a jump stand on the steps."""
     moved = values[1:][np.abs(np.diff(values)) > 0.5 * step]
-    if moved.size < QUANTISATION.fewest_jumps:
-        return False
-    of_all, after = (float(abs(np.exp(2j * np.pi * x / step).mean())) for x in (values, moved))
     least = QUANTISATION.sharp if np.std(values) >= step else QUANTISATION.exact
-    by_chance = np.sqrt(-np.log(VERDICT.false_alarm_rate) / moved.size)
-    return after > max(least, of_all - by_chance)
+    return moved.size >= QUANTISATION.fewest_jumps and abs(np.exp(2j * np.pi * moved / step).mean()) > least
+
+
+def _lies_between(values: Array, step: float) -> bool:
+    """Return whether more values lie between steps than noise behind a quantiser puts there.
+
+    A motion between two ends stands on the steps at rest and passes between them. Normal noise of the same modulus of the
+    characteristic function leaves fewer values there.
+    """
+    turns = np.exp(2j * np.pi * values / step)
+    modulus = float(abs(turns.mean()))
+    away = np.abs(np.angle(turns * np.conj(turns.mean()))) > 2 * np.pi * QUANTISATION.between
+    sd = np.sqrt(-2.0 * np.log(min(modulus, 1.0 - 1e-12)))
+    expected = max(float(erfc(2 * np.pi * QUANTISATION.between / (np.sqrt(2.0) * sd))), VERDICT.false_alarm_rate)
+    return int(np.count_nonzero(away)) > int(binom.isf(VERDICT.false_alarm_rate, len(values), expected))
 
 
 def _passes_between(values: Array, step: float) -> bool:
