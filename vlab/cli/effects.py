@@ -33,7 +33,7 @@ SERVO = "an actuator that is a position servo of a joint or tendon: actuator:sho
 
 REFERENCES = {
     "displacement": "largest displacement at the place",
-    "travel": "largest displacement at the place, at most half a revolution",
+    "travel": "half of the range of the displacement at the place, at most half a revolution",
     "velocity": "largest velocity at the place",
     "input": "largest command",
     "input-slope": "largest slope of the command",

@@ -370,10 +370,10 @@ class Cogging(PortEffect):
             name="pitch",
             unit="m",
             low=0.04,
-            high=0.5,  # four periods over the travel to both sides: fewer are a spring
+            high=0.25,  # eight periods over the travel to both sides: few ones are a spring
             role="shape",
             reference="travel",
-            grid=(0.5,),
+            grid=(0.25,),
             scan="pitch",
             words="position over which the force repeats",
         ),

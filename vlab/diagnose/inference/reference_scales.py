@@ -35,8 +35,10 @@ def reference_quantity(name: str, place: Place, groups: Sequence[Group], motion:
         which = 0 if name == "displacement" else 1
         return max(max(_largest(g, motion(g, place)[which]) for g in groups), 1e-300)
     if name == "travel":
-        reach = reference_quantity("displacement", place, groups, motion)
-        return min(reach, np.pi) if place.angular else reach
+        parts = [_counted(g, motion(g, place)[0]) for g in groups]
+        low, high = min(float(x.min()) for x in parts), max(float(x.max()) for x in parts)
+        half = max(0.5 * (high - low), 1e-300)
+        return min(half, np.pi) if place.angular else half
     if name in ("error", "servo-force"):
         return max(max(_largest(g, _of_servo(g, place, motion, name)) for g in groups), 1e-300)
     if name == "servo-gain":
@@ -59,6 +61,11 @@ def reference_quantity(name: str, place: Place, groups: Sequence[Group], motion:
 def _largest(group: Group, x: Array) -> float:
     """Return a signal's (n, n_runs) largest magnitude over counted samples."""
     return max(float(np.abs(x[group.first : n, i]).max(initial=0.0)) for i, n in enumerate(group.lengths))
+
+
+def _counted(group: Group, x: Array) -> Array:
+    """Return the counted samples of a signal (n, n_runs)."""
+    return np.concatenate([x[group.first : n, i] for i, n in enumerate(group.lengths)])
 
 
 def _of_servo(group: Group, place: Place, motion: Motion, name: str) -> Array:

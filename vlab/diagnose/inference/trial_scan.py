@@ -40,7 +40,7 @@ class Scales:
     largest : float
         Largest magnitude of the commands, in their unit.
     travel : float
-        Largest displacement of the port from rest, at most half a revolution [m or rad].
+        Half of the range of the displacement, at most half a revolution [m or rad].
     """
 
     step: float

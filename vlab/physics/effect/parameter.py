@@ -43,8 +43,8 @@ class Parameter:
         the screening tries the values of `grid`.
     reference : str
         Scale of `grid`, `low` and `high`: the largest recorded displacement or velocity at the place, the largest
-        input, the largest slope of input or output, the duration, or the sample period. ``"travel"``: the largest
-        displacement, at most half a revolution. Of a servo: the largest
+        input, the largest slope of input or output, the duration, or the sample period. ``"travel"``:
+        half of the range of the displacement, at most half a revolution. Of a servo: the largest
         position error or force, or the position gain. "" for no scale.
     grid : tuple of float
         Trial values of the screening.
