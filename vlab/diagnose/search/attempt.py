@@ -127,7 +127,10 @@ class Trials:
         Attempt
             Attempt.
         """
-        fit = replace(hypothesis.long_fit, terms=hypothesis.long_fit.nested_model(effects))
+        whole, idle = hypothesis.long_fit, set(hypothesis.long_fit.unidentified)
+        named = zip(whole.terms, whole.nested_model(effects), strict=True)
+        identified = tuple(nested for term, nested in named if term.label not in idle)
+        fit = replace(whole, terms=identified or whole.nested_model(effects))
         attempt = self.of(fit, findings_of_attempt(hypothesis, fit, self.problem))
         return replace(attempt, hypothesis=_labels(hypothesis.terms))
 
