@@ -162,6 +162,14 @@ def test_one_posterior_mode_in_a_hundred_is_refuted_whatever_the_data_tell():
     assert 12 <= refuted <= 50  # 30 expected; 12 and 50 lie beyond three standard deviations
 
 
+def test_what_the_data_alone_show_keeps_its_probability_beside_a_search_that_thinks_little_of_it():
+    seen = replace(finding("sensor-clipping"), probability=0.99)
+    of = choice(coulomb_friction=0.9, sensor_clipping=1e-4)
+    fitted = [hypothesis("coulomb-friction").terms[0]]
+    _, clipped = graded([finding("coulomb-friction"), seen], of, 0.6, fitted=fitted)
+    assert clipped.probability == pytest.approx(0.6 * 0.99)
+
+
 def test_the_unexplained_share_bounds_the_probability():
     (one,) = graded([finding("coulomb-friction")], choice(coulomb_friction=0.9, added_mass=0.1), 0.6)
     assert one.probability == pytest.approx(0.54)

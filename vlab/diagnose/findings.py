@@ -172,8 +172,11 @@ def graded(
     of_set = sum(p for h, p in choice.tried if families & {t.effect.family for t in h.terms}) / max(known, 1e-300)
     out = []
     for finding in findings:
-        alone = 0.0 if finding.effect in named else finding.probability  # findings from the data have no rivals
-        own = shares.get(finding.effect, alone)
+        is_of_data = finding.effect not in named and (bool(fitted) or finding.effect not in shares)
+        if is_of_data:  # the data alone show it, whatever a search thinks of it
+            out.append(replace(finding, probability=most * finding.probability))
+            continue
+        own = shares.get(finding.effect, 0.0)
         related = (t.effect for h, _ in choice.tried for t in h.terms if t.effect.family == finding.family)
         rivals = [e.physics for e in related if shares[e.physics] >= own and finding.effect not in together]
         alike = tuple(dict.fromkeys([*finding.alike, *rivals]))
