@@ -59,7 +59,7 @@ def test_cogging_of_a_servo_is_found_with_its_pitch(force, capsys, tmp_path):
     case, out = tmp_path / "case", tmp_path / "out"
     case.mkdir()
     write_case(case, title="", mjcf=mjcf, uncertain=uncertain, channels=channels, records=records)
-    status, text, _ = run(capsys, "diagnose", str(case), "--json", "--out", str(out))
+    status, text, _ = run(capsys, "diagnose", str(case), "--effect", "cogging", "--json", "--out", str(out))
     assert status == 0
     found = json.loads(text)
     if force == 0.0:

@@ -58,4 +58,6 @@ def test_a_damping_table_only_dissipates():
 def test_the_law_is_tried_last():
     assert (EFFECTS["unknown-law"],) == LAST_RESORT
     assert EFFECTS["unknown-law"] not in CANDIDATES
-    assert len(CANDIDATES) == len(EFFECTS) - 1
+    asked = [name for name, effect in EFFECTS.items() if effect.is_on_request]
+    assert asked == ["cogging"]
+    assert len(CANDIDATES) == len(EFFECTS) - 1 - len(asked)

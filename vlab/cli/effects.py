@@ -122,7 +122,9 @@ def _table(document: list[dict[str, Any]]) -> str:
     tabulated = [effect.name for effect in LAST_RESORT if effect.name in [entry["name"] for entry in document]]
     count = len(rows) - len(tabulated)
     counted = " and ".join([f"{count} effect{'s' * (count != 1)}", *(f"the tabulated {name}" for name in tabulated)])
-    return f"{table}\n\n{counted}; law, places and ranges of one: vlab effects {first}"
+    asked = [entry["name"] for entry in document if entry["name"] in EFFECTS and EFFECTS[entry["name"]].is_on_request]
+    searched = f"; a search tries {', '.join(asked)} on request only (--effect)" if asked else ""
+    return f"{table}\n\n{counted}{searched}; law, places and ranges of one: vlab effects {first}"
 
 
 def places_of(effect: Effect) -> str:

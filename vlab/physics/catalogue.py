@@ -97,7 +97,9 @@ EFFECTS: dict[str, Effect] = {
     )
 }
 """Effects by name."""
-CANDIDATES: tuple[Effect, ...] = tuple(effect for effect in EFFECTS.values() if not effect.is_last_resort)
+CANDIDATES: tuple[Effect, ...] = tuple(
+    effect for effect in EFFECTS.values() if not (effect.is_last_resort or effect.is_on_request)
+)
 """Effects that every search tries."""
 LAST_RESORT: tuple[Effect, ...] = tuple(effect for effect in EFFECTS.values() if effect.is_last_resort)
 """Effects that are tried where none of `CANDIDATES` explains the recordings."""

@@ -355,8 +355,11 @@ class SinusoidalForce(PortEffect):
 class Cogging(PortEffect):
     """The pull of a motor's magnets towards its teeth.
 
-    The harmonic drive, gear or screw between motor and joint shortens the pitch at the joint.
+    The harmonic drive, gear or screw between motor and joint shortens the pitch at the joint. A pitch that is free follows
+    the residue of many other causes, so a search tries the effect on request only.
     """
+
+    is_on_request = True
 
     name = "cogging"
     family = "actuator-position"

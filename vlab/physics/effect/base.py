@@ -57,6 +57,8 @@ class Effect(ABC):
     """Names of the places at which alone the effect is sought, with or without their kind; None for all places."""
     is_last_resort: ClassVar[bool] = False
     """Whether the effect is tried only where no other effect explains the recordings."""
+    is_on_request: ClassVar[bool] = False
+    """Whether a search tries the effect only if the user names it, because it takes up the residue of many causes."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
