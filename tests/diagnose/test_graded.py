@@ -162,6 +162,19 @@ def test_one_posterior_mode_in_a_hundred_is_refuted_whatever_the_data_tell():
     assert 12 <= refuted <= 50  # 30 expected; 12 and 50 lie beyond three standard deviations
 
 
+def test_what_is_left_bounds_a_small_finding_by_its_own_share():
+    """2 % of the mismatch explained beside 2 % that is left: as likely as not of another law."""
+    large, small = finding("coulomb-friction"), finding("added-mass")
+    terms = [hypothesis(one.effect).terms[0] for one in (large, small)]
+    both = Hypothesis(fit=fit_of(*terms), normalised_residual=2.0, log_rms_residual=0.7, negative_log_prior=0.0)
+    of = Choice(best=both, alike=(), probability=1.0, ranking=(), places={})
+    found = graded([replace(large, explained=0.96), replace(small, explained=0.02)], of, 0.98)
+    whole = of.reserve + 1.0
+    assert [f.probability * whole for f in found] == pytest.approx([0.96 / 0.98, 0.5], rel=1e-6)
+    (alone,) = graded([replace(large, explained=0.98)], of, 0.98)  # what explains everything that is explained
+    assert alone.probability * whole == pytest.approx(0.98)
+
+
 def test_what_the_data_alone_show_keeps_its_probability_beside_a_search_that_thinks_little_of_it():
     seen = replace(finding("sensor-clipping"), probability=0.99)
     of = choice(coulomb_friction=0.9, sensor_clipping=1e-4)

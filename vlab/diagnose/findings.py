@@ -134,7 +134,8 @@ def graded(
 ) -> tuple[Finding, ...]:
     """Return the findings of a partial explanation.
 
-    The unexplained share may belong to a law that explains the rest as well, so it bounds every probability. Beside
+    The unexplained share may belong to a law that explains the rest as well, so it bounds every probability: all of them by
+    the explained share, and each by its own share over this and the unexplained one. Beside
     parameters that refute the model, another error of the model is as likely as the effects, which halves the
     probabilities. Effects of the same family that are as probable join the indistinguishable ones, and the probability is
     that of all of them: fitted recordings may prefer one form of a law, and hold-out recordings another. Effects that only
@@ -159,7 +160,6 @@ def graded(
     tuple of Finding
         Findings with probabilities.
     """
-    most = explained if is_plausible else 0.5 * explained
     known = choice.reserve + sum(p for h, p in choice.tried if h.terms)
     shares: dict[str, float] = {}
     for h, p in choice.tried:
@@ -170,8 +170,10 @@ def graded(
     together = set() if is_ranked else named
     families = {t.effect.family for t in fitted}
     of_set = sum(p for h, p in choice.tried if families & {t.effect.family for t in h.terms}) / max(known, 1e-300)
-    out = []
+    out, left = [], max(1.0 - explained, 0.0)
     for finding in findings:
+        part = finding.explained / (finding.explained + left) if finding.explained > 0.0 else explained
+        most = (1.0 if is_plausible else 0.5) * min(explained, part)
         is_of_data = finding.effect not in named and (bool(fitted) or finding.effect not in shares)
         if is_of_data:  # the data alone show it, whatever a search thinks of it
             out.append(replace(finding, probability=most * finding.probability))

@@ -59,15 +59,18 @@ def _is_nearly_closed_in_most(tests: Sequence[Checked]) -> bool:
 
     The gap is nearly closed in most recordings, and half closed in each.
     """
-    gaps = [gap for run in tests if (gap := gap_closed(run.start, run.after, run.noise)) is not None]
+    gaps = [gap for run in tests if (gap := gap_closed(min(run.start, 1.0), run.after, run.noise)) is not None]
     return bool(len(gaps) > 2 and np.median(gaps) >= VERDICT.nearly_all and min(gaps) >= VERDICT.least_to_noise)
 
 
 def _is_complete(checked: Sequence[Checked], *, model_kind: ModelKind) -> bool:
-    """Return whether the residual is allowed or the gap nearly closed."""
+    """Return whether the residual is allowed or the gap nearly closed.
+
+    A constant errs by the whole signal, so a nominal model that errs by more widens no gap.
+    """
     tests = verifying(checked)
     errors = errors_of(tests)
-    gap = gap_closed(total(tests, "start"), errors["after"], errors["noise"])
+    gap = gap_closed(min(total(tests, "start"), 1.0), errors["after"], errors["noise"])
     is_nearly_closed = (gap is not None and gap >= VERDICT.nearly_all) or _is_nearly_closed_in_most(tests)
     return is_nearly_closed or not model_kind.is_mismatch(errors["after"], errors["noise"])
 

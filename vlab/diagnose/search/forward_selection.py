@@ -227,7 +227,9 @@ def laws_in_all_joints(candidates: Sequence[Candidate]) -> list[list[Candidate]]
     """
     laws: dict[str, dict[str, Candidate]] = {}
     for c in sorted(candidates, key=lambda c: -c.log_likelihood_gain):
-        if c.effect.kind == "port" and c.place.name.startswith("joint:"):
+        in_joint = c.effect.kind == "port" and c.place.name.startswith("joint:")
+        in_drive = c.effect.traits.is_linear and c.place.name.startswith("actuator:")
+        if in_joint or in_drive:
             laws.setdefault(c.effect.name, {}).setdefault(c.place.name, c)
     found = [list(joints.values()) for joints in laws.values() if 1 < len(joints) <= MJCF_PRIORS.most_elements]
     if not found:
