@@ -125,3 +125,36 @@ def test_counts_of_an_encoder_are_no_degrees(tmp_path):
     draft = draft_case(str(tmp_path / "arm.xml"), [tmp_path / "log.csv"], tmp_path)
     assert not any(match.is_unit_sure for match in draft.channels)
     assert any("counts of an encoder: state scale" in line for line in draft.unsure)
+
+
+SERVO = """<mujoco model="servo"><option timestep="0.001" gravity="0 0 0"/><worldbody>
+<body><joint name="shaft" axis="0 0 1" damping="0.1"/><geom size="0.05" mass="1"/></body></worldbody>
+<actuator><position name="drive" joint="shaft" kp="20" kv="1"/></actuator>
+<sensor><jointpos name="angle" joint="shaft"/><actuatorfrc name="torque" actuator="drive"/></sensor></mujoco>"""
+
+
+RULER = """<mujoco model="ruler"><option timestep="0.001" gravity="0 0 0"/><worldbody>
+<body><joint name="bend" type="slide" axis="0 0 1" stiffness="50" damping="0.1"/><geom size="0.05" mass="0.1"/>
+<site name="imu"/></body></worldbody><sensor><accelerometer name="adxl" site="imu"/></sensor></mujoco>"""
+
+
+@pytest.mark.parametrize("command", ["control", "demand_rad"])
+def test_the_only_command_drives_the_only_servo_and_a_sensor_takes_the_effort(tmp_path, command):
+    """A column with the exact name of a sensor shows this sensor, whatever quantity the name suggests."""
+    (tmp_path / "servo.xml").write_text(SERVO)
+    t = np.arange(600) / 100.0
+    columns = [t, 0.3 * np.sin(t), 0.3 * np.sin(t - 0.1), 0.5 * np.cos(t)]
+    header = ",".join(["t", command, "angle", "torque"])
+    np.savetxt(tmp_path / "log.csv", np.column_stack(columns), delimiter=",", header=header, comments="")
+    draft = draft_case(str(tmp_path / "servo.xml"), [tmp_path / "log.csv"], tmp_path)
+    found = {match.column: (match.at, match.is_input) for match in draft.channels}
+    assert found == {command: ("drive", True), "angle": ("angle", False), "torque": ("torque", False)}
+
+
+def test_the_only_vector_sensor_takes_a_column_along_its_moving_axis(tmp_path):
+    (tmp_path / "ruler.xml").write_text(RULER)
+    t = np.arange(600) / 100.0
+    values = np.column_stack([t, np.sin(7.0 * t) * np.exp(-t)])
+    np.savetxt(tmp_path / "log.csv", values, delimiter=",", header="t,Acceleration", comments="")
+    draft = draft_case(str(tmp_path / "ruler.xml"), [tmp_path / "log.csv"], tmp_path)
+    assert [(match.column, match.at) for match in draft.channels] == [("Acceleration", "adxl.z")]

@@ -70,6 +70,9 @@ def suggest(
     kind = kind_of(column) or kind
     drives = kind in _INPUTS if is_input is None else is_input
     joints = joints_of(plant)
+    sensor = next((tap for tap in plant.sensors if tap.name == column), None)
+    if sensor is not None and is_input is None and all(tap.name != column for tap in plant.actuators):
+        return Suggestion(at=sensor.name, kind=sensor.kind, is_input=False)
     if drives:
         actuators = [tap.name for tap in plant.actuators if tap.name]
         joint = _named(column, joints)
@@ -82,7 +85,6 @@ def suggest(
         kind = "command" if kind in ("", "position") else kind
         return None if at is None else Suggestion(at=at, kind=kind, is_input=True)
     sensors = [tap.name for tap in plant.sensors]
-    sensor = next((tap for tap in plant.sensors if tap.name == column), None)
     if sensor is not None:
         return Suggestion(at=sensor.name, kind=sensor.kind, is_input=False)
     joint = _named(column, joints) or _numbered(column, joints, kind, first)

@@ -26,6 +26,7 @@ WORDS = {
     "command": (
         *("command", "cmd", "action", "target", "goal", "ctrl", "setpoint", "ref", "desired", "u"),
         *("commanded", "cmds", "actions", "des", "reference", "tgt", "sp", "control", "pwm", "duty"),
+        *("demand", "demanded", "demands"),
     ),
     "moment": ("torque", "effort", "tau", "moment", "trq"),
     "force": ("force",),

@@ -368,12 +368,14 @@ class _Matcher:
         used = {match.at for match in self.candidates}
         free = [name for name in self.taps if name not in used]
         inputs = [c for c in self.unplaced if c.kind in ("command", *EFFORTS)]
+        inputs = [c for c in inputs if c.kind == "command"] or inputs  # efforts beside commands are readings
         if len(free) == 1 and len(inputs) == 1 and not any(m.is_input for m in self.candidates):
             (column,) = inputs
             self.unplaced.remove(column)
             self._take(
                 column, Suggestion(at=free[0], kind=column.kind, is_input=True), "the only actuator", is_sure=False
             )
+        self._take_the_only_axis()
         place = self._only_output()
         if place is not None and all(m.is_input for m in self.candidates):
             for kind in ("position", "velocity", "acceleration"):
@@ -386,6 +388,19 @@ class _Matcher:
         names = "no joint, sensor or actuator has its name"
         for column in self.unplaced:
             self._leave(self.log.label(column.name), names)
+
+    def _take_the_only_axis(self) -> None:
+        """Give the only sensor, of three values, to the only column of its quantity."""
+        bases = {tap.name.rpartition(".")[0] for tap in self.plant.sensors}
+        vector = vector_sensor(self.plant, [base := bases.pop()], "") if len(bases) == 1 and "" not in bases else None
+        if vector is None or not all(m.is_input for m in self.candidates):
+            return
+        outputs = [c for c in self.unplaced if c.kind == vector.kind.removeprefix("angular-")]
+        if len(outputs) == 1 and len(vector.moving) == 1:
+            self.unplaced.remove(outputs[0])
+            found = Suggestion(at=vector.moving[0], kind=vector.kind, is_input=False)
+            why = f"the only axis of the only sensor {in_line(base)!r} along which the model moves"
+            self._take(outputs[0], found, why, is_sure=False)
 
     def _only_output(self) -> str | None:
         sensors, joints = [tap.name for tap in self.plant.sensors], joints_of(self.plant)
