@@ -35,6 +35,8 @@ for name, words in {**PACKAGES, **MODULES}.items():
         page.write("      show_root_toc_entry: false\n      heading_level: 2\n")
         if name in PACKAGES:
             page.write("      show_submodules: true\n")
+        if name == "cases":  # the page of the public names has it
+            page.write('      filters: ["!^_", "!^Case$"]\n')
     rows.append(f"| [`vlab.{name}`](api/{name}.md) | {words} |")
 
 with mkdocs_gen_files.open("reference/api.md", "w") as page:
