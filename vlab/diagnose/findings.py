@@ -173,9 +173,9 @@ def graded(
     out, left = [], max(1.0 - explained, 0.0)
     for finding in findings:
         part = finding.explained / (finding.explained + left) if finding.explained > 0.0 else explained
-        most = (1.0 if is_plausible else 0.5) * min(explained, part)
         is_of_data = finding.effect not in named and (bool(fitted) or finding.effect not in shares)
-        if is_of_data:  # the data alone show it, whatever a search thinks of it
+        most = (1.0 if is_plausible else 0.5) * (explained if is_of_data else min(explained, part))
+        if is_of_data:  # the data alone show it, however little it explains
             out.append(replace(finding, probability=most * finding.probability))
             continue
         own = shares.get(finding.effect, 0.0)
