@@ -239,10 +239,15 @@ def replay_compiled(
     forces, present = drives[0].copy(), drives[1].copy()
     steps = len(forces) // max(len(present) - 1, 1)
     if physics is not None and physics.has_actuators:
+        is_first = np.zeros(len(plant.actuators), dtype=bool)
+        is_first[[drive.actuator for drive in run.drives if drive.is_first and drive.actuator is not None]] = True
         for step, row in enumerate(forces):
             physics.actuate(row)
+            if step % steps == 0:  # readings see the command of their own row
+                present[step // steps] += np.where(is_first, physics.last_change, 0.0)
             if (step + 1) % steps == 0:
-                present[(step + 1) // steps] += physics.last_change
+                present[(step + 1) // steps] += np.where(is_first, 0.0, physics.last_change)
+        present[-1] += np.where(is_first, physics.last_change, 0.0)  # no step follows the last reading
     matrices, n = Matrices.of(plant, loads[0]), len(present)
     records = Records.empty(model, n, moves=any(c.sensor is None and c.port for c in run.compared))
     inputs = Inputs(forces, present, np.ascontiguousarray(loads[1]), np.ascontiguousarray(loads[2]))

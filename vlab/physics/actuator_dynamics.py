@@ -4,6 +4,7 @@ from collections import deque
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy import signal
 
 from vlab.physics.compiled_commands import starts_within_slope
 from vlab.physics.effect import TIMES, ActuatorEffect, ActuatorStep, Parameter, Values, limited
@@ -25,7 +26,6 @@ class SlewLimit(ActuatorEffect):
     family = "saturation"
     law = "|d force/dt| <= R"
     words = "an amplifier follows no faster than a limited slope"
-    glides = True
     parameters: ClassVar = (
         Parameter(
             name="slope",
@@ -60,9 +60,16 @@ class SlewLimit(ActuatorEffect):
 
     def actuate(self, u: Array, p: Values, h: float) -> Array:
         """See `ActuatorEffect`: the result is the mean over each interval."""
+        return np.asarray(self._acted(u, p, h)[0])
+
+    def ends(self, u: Array, p: Values, h: float) -> Array:
+        """See `ActuatorEffect`."""
+        return np.asarray(self._acted(u, p, h)[1])
+
+    def _acted(self, u: Array, p: Values, h: float) -> tuple[Any, Any]:
         most, commands = float(p["slope"]) * h, np.asarray(u, dtype=float)
         starts = starts_within_slope(np.ascontiguousarray(commands.reshape(len(u), -1)), most)
-        return np.asarray(self.acted(starts.reshape(commands.shape), commands, most)[0])
+        return self.acted(starts.reshape(commands.shape), commands, most)
 
     def stepper(self, p: Values, h: float) -> ActuatorStep:
         """See `ActuatorEffect`."""
@@ -138,7 +145,6 @@ class ActuatorLag(ActuatorEffect):
     family = "timing"
     law = "force = u/(1 + s tau)"
     words = "the force lags the command by a time constant: a coil's inductance, a filter with a lower corner"
-    glides = True
     parameters: ClassVar = (
         Parameter(name="time_constant", unit="s", low=1e-6, high=1.0, role="shape", grid=(*TIMES, 0.3)),
     )
@@ -150,6 +156,11 @@ class ActuatorLag(ActuatorEffect):
     def actuate(self, u: Array, p: Values, h: float) -> Array:
         """See `ActuatorEffect`."""
         return lagged(u, float(p["time_constant"]), h)
+
+    def ends(self, u: Array, p: Values, h: float) -> Array:
+        """See `ActuatorEffect`: exact for held commands."""
+        left = float(np.exp(-h / float(p["time_constant"])))
+        return np.asarray(signal.lfilter([1.0 - left], [1.0, -left], np.asarray(u, dtype=float), axis=0))
 
     def stepper(self, p: Values, h: float) -> ActuatorStep:
         """See `ActuatorEffect`."""

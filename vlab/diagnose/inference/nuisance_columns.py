@@ -6,7 +6,6 @@ import numpy as np
 
 from vlab.diagnose.parameters.reduced_model import ReducedModel
 from vlab.diagnose.predictors.innovations import Group
-from vlab.diagnose.predictors.kalman import stack_runs
 from vlab.signals import Array
 
 Through = Callable[[Group, Array | None, Array | None], Array]
@@ -49,11 +48,6 @@ def columns_of_changes(
         for shift in reduced_model.shifts:
             p, v = np.split(group.smoothed.x, 2, axis=-1)
             reading[..., shift.sensor, shift.by] = p @ shift.at_q + v @ shift.at_v
-        if reduced_model.efforts is not None:
-            p, v = np.split(group.smoothed.x, 2, axis=-1)
-            seen = stack_runs(group.runs, [run.seen for run in group.runs])[0]
-            for change in reduced_model.efforts.changes:
-                reading[..., change.by] += p @ change.at_q.T + v @ change.at_v.T + seen @ change.per_command.T
         left = through(group, forces(group), reading)
         for i, sensor in sensors:  # of its own sample only the prediction counts, not the innovation
             left[..., sensor, i] -= group.e[..., sensor]

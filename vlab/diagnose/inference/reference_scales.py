@@ -36,7 +36,8 @@ def reference_quantity(name: str, place: Place, groups: Sequence[Group], motion:
         return max(max(_largest(g, motion(g, place)[which]) for g in groups), 1e-300)
     if name == "travel":
         parts = [_counted(g, motion(g, place)[0]) for g in groups]
-        low, high = min(float(x.min()) for x in parts), max(float(x.max()) for x in parts)
+        counted = np.concatenate(parts)
+        low, high = float(counted.min(initial=np.inf)), float(counted.max(initial=-np.inf))
         half = max(0.5 * (high - low), 1e-300)
         return min(half, np.pi) if place.angular else half
     if name in ("error", "servo-force"):

@@ -231,7 +231,10 @@ class ScoreTest:
 
     def changed_readings(self, group: Group) -> Array:
         """Return readings (n, n_runs, p, n_changes) of actuators' unit parameters."""
-        return np.zeros((*group.y.shape, len(self.reduced_model.changes)))
+        if self.reduced_model.efforts is None:
+            return np.zeros((*group.y.shape, len(self.reduced_model.changes)))
+        seen = stack_runs(group.runs, [run.seen for run in group.runs])[0]
+        return self.reduced_model.efforts.slopes(self.theta, group.smoothed.x, seen)
 
     @property
     def offset_sd(self) -> Array:

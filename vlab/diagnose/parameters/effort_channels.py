@@ -68,6 +68,30 @@ class EffortChannels:
             out += factors[:, change.by, None, None] * part
         return out
 
+    def slopes(self, theta: Array, x: Array, seen: Array) -> Array:
+        """Return the derivatives of the readings by the parameters.
+
+        Parameters
+        ----------
+        theta : (n_changes,) array
+            Log factors.
+        x : (n, n_runs, 2m) array
+            Modal states.
+        seen : (n, n_runs, n_actuators) array
+            Commands as the readings see them.
+
+        Returns
+        -------
+        (n, n_runs, n_channels, n_changes) array
+            Derivatives.
+        """
+        p, v = np.split(x, 2, axis=-1)
+        out = np.zeros((*x.shape[:2], len(self.per_command), len(theta)))
+        for change in self.changes:
+            factor = np.exp(np.clip(theta[change.by], -REDUCED_MODEL.most, REDUCED_MODEL.most))
+            out[..., change.by] = factor * (p @ change.at_q.T + v @ change.at_v.T + seen @ change.per_command.T)
+        return out
+
     def added(self, theta: Array, recorded: Array, changed: Array) -> Array:
         """Return what readings gain over the nominal response to the recorded commands.
 

@@ -58,6 +58,8 @@ class Place:
         Readings of force sensors per unit command of every actuator of the location; empty for none.
     seen : float
         Share of the command of a sample's own interval in these readings, see `EffortChannels`.
+    per_command : float
+        Force of the location's drive along its first row per unit command; 0 without a drive.
     """
 
     name: str
@@ -77,13 +79,14 @@ class Place:
     servo: Servo | None = None
     efforts: Array = field(default_factory=lambda: np.zeros((0, 0)))
     seen: float = 0.0
+    per_command: float = 0.0
 
     @property
     def effort_in_drive(self) -> Array | None:
-        """Readings (n_channels,) of force sensors per unit force within the servo."""
-        if not np.any(self.efforts) or self.servo is None:
+        """Readings (n_channels,) of force sensors per unit force of the drive."""
+        if not np.any(self.efforts) or self.per_command == 0.0:
             return None
-        return np.asarray(self.efforts[:, 0] / self.servo.gain)
+        return np.asarray(self.efforts[:, 0] / self.per_command)
 
     def stiffness_at(self, theta: Array) -> Array:
         """Return the element's stiffness (n_sets,) at log factors (n_sets, n_changes)."""
@@ -305,13 +308,14 @@ def places_of(
                 is_held=bool(np.abs(row @ free).max(initial=0.0) <= 1e-3 * np.abs(row).max()),
             )
         )
-    ports = ports[: LOCATIONS.most_ports]
+    ports = [_with_drive(reduced_model, port) for port in ports[: LOCATIONS.most_ports]]
     straight = [p for p in ports if is_near_rest or plant.ports[p.name].is_constant]
     out = [*ports, *_points(plant, reduced_model, straight)]
     out += [_actuator(plant, reduced_model, i) for i in driven]
     if len(driven) > 1:
-        efforts = _efforts(reduced_model, driven)
-        out.append(Place(name="chain", kind="actuator", index=driven[0], also=tuple(driven[1:]), efforts=efforts))
+        efforts, seen = _efforts(reduced_model, driven), out[-1].seen
+        also = tuple(driven[1:])
+        out.append(Place(name="chain", kind="actuator", index=driven[0], also=also, efforts=efforts, seen=seen))
     sensors = [f"sensor:{name.removeprefix('sensor:')}" for name in channels]
     out += [Place(name=name, kind="sensor", index=i) for i, name in enumerate(sensors)]
     return out + _pick_ups(plant, channels, sensors, driven)
@@ -327,7 +331,28 @@ def _actuator(plant: Plant, reduced_model: ReducedModel, index: int) -> Place:
         return out
     row = port.row(plant.new_data())[None]
     rows, truncated = row @ reduced_model.shapes, row @ reduced_model.truncated.shapes
-    return replace(out, rows=rows, truncated=truncated, angular=port.unit == "rad", coil=index, servo=servo)
+    return replace(
+        out,
+        rows=rows,
+        truncated=truncated,
+        angular=port.unit == "rad",
+        coil=index,
+        servo=servo,
+        per_command=servo.gain,
+    )
+
+
+def _with_drive(reduced_model: ReducedModel, port: Place) -> Place:
+    """Return a port with the force of the actuator along it, which force sensors read."""
+    if port.coil is None or reduced_model.efforts is None:
+        return port
+    force, row = reduced_model.forces[:, port.coil], port.rows[0]
+    return replace(
+        port,
+        efforts=_efforts(reduced_model, [port.coil]),
+        seen=float(reduced_model.efforts.seen[port.coil]),
+        per_command=float(force @ row / (row @ row)),
+    )
 
 
 def _efforts(reduced_model: ReducedModel, actuators: Sequence[int]) -> Array:

@@ -1,6 +1,6 @@
 """Channels of hypotheses on the reduced model."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -94,10 +94,8 @@ def channels(
     with np.errstate(all="ignore"):  # a diverged trial keeps its large residual
         y = integrate(system, forces, known.shape[2], terms, values, (ports, seen), starts, runs, substeps)
         if reduced_model.efforts is not None:
-            gliding = {
-                i for t in terms if isinstance(t.effect, ActuatorEffect) and t.effect.glides for i in t.place.indices
-            }
-            y = y + reduced_model.efforts.added(theta, *_commands_seen(reduced_model.efforts, runs, forces, gliding))
+            commands = _commands_seen(reduced_model.efforts, runs, forces, _ends(runs, terms, values, n_sets))
+            y = y + reduced_model.efforts.added(theta, *commands)
     return y
 
 
@@ -145,42 +143,63 @@ def _in_equilibrium(
 
 def _inputs(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int) -> Array:
     """Return commands after actuator effects, and direct loads."""
+    return _through_effects(runs, terms, values, n_sets)[0]
+
+
+def _ends(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int) -> Array:
+    """Return the same at the ends of the intervals, as behind a lag."""
+    return _through_effects(runs, terms, values, n_sets)[1]
+
+
+def _through_effects(
+    runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int
+) -> tuple[Array, Array]:
     n = max(len(run) for run in runs)
     out = np.zeros((n, 1, len(runs), runs[0].u.shape[1] + runs[0].load.shape[1]))
     for i, run in enumerate(runs):
         out[: len(run), 0, i] = np.hstack([run.u, run.load])
-    before = _led(runs)
+    ends, before = out, _led(runs)
     for term, own in zip(terms, values, strict=True):
         if isinstance(term.effect, ActuatorEffect):
             out = np.repeat(out, n_sets, axis=1) if out.shape[1] == 1 else out
+            ends = np.repeat(ends, n_sets, axis=1) if ends.shape[1] == 1 else ends.copy()
             for s in range(n_sets):
                 p = {k: float(v[s]) for k, v in own.items()}
                 for i in term.place.indices:
-                    out[:, s, :, i] = _acted(term.effect, p, runs, before[..., i], out[:, s, :, i])
-    return out
+                    given = out[:, s, :, i].copy()
+                    out[:, s, :, i] = _acted(term.effect, p, runs, before[..., i], given)
+                    ends[:, s, :, i] = out[:, s, :, i]
+                    if type(term.effect).ends is not ActuatorEffect.ends:
+                        ends[:, s, :, i] = _acted(term.effect, p, runs, before[..., i], given, at_ends=True)
+    return out, ends
 
 
-def _commands_seen(
-    efforts: EffortChannels, runs: list[Signals], forces: Array, gliding: Collection[int]
-) -> tuple[Array, Array]:
+def _commands_seen(efforts: EffortChannels, runs: list[Signals], forces: Array, ends: Array) -> tuple[Array, Array]:
     """Return recorded commands as force sensors see them, and their changes by effects.
 
-    Effects change held commands after the readings. Some let the commands of actuators glide within a sample.
+    Where an effect lets a held command glide within the intervals, a reading sees the end of the last one.
     """
     count = runs[0].u.shape[1]
     recorded, seen = np.zeros((2, len(forces), len(runs), count))
     for i, run in enumerate(runs):
         recorded[: len(run), i], seen[: len(run), i] = run.u, run.seen
-    acted, moves = forces[..., :count], np.array([[not run.at_rest] for run in runs])
-    changed = acted - recorded[:, None]
+    moves = np.array([[not run.at_rest] for run in runs])
+    changed = forces[..., :count] - recorded[:, None]
     before = np.concatenate([changed[:1] * moves, changed[:-1]])
-    straight = (efforts.seen > 0.0) & (efforts.seen < 1.0)
-    glides = 0.5 * (np.concatenate([acted[:1] * moves, acted[:-1]]) + acted)
-    glides -= np.where(straight, seen, np.concatenate([seen[:1] * moves, recorded[:-1]]))[:, None]
-    return seen, np.where(straight | np.isin(np.arange(count), list(gliding)), glides, before)
+    at_ends = np.concatenate([ends[:1, ..., :count] * moves, ends[:-1, ..., :count]]) - seen[:, None]
+    glides = np.any(ends[..., :count] != forces[..., :count], axis=(0, 2)) & (efforts.seen != 0.5)
+    return seen, np.where(glides[:, None], at_ends, (1.0 - efforts.seen) * before + efforts.seen * changed)
 
 
-def _acted(effect: ActuatorEffect, p: Mapping[str, float], runs: list[Signals], before: Array, u: Array) -> Array:
+def _acted(
+    effect: ActuatorEffect,
+    p: Mapping[str, float],
+    runs: list[Signals],
+    before: Array,
+    u: Array,
+    *,
+    at_ends: bool = False,
+) -> Array:
     """Return an actuator's commands (n, n_runs) after an effect with memory."""
     h = runs[0].h
     if effect.keeps_time:
@@ -191,7 +210,8 @@ def _acted(effect: ActuatorEffect, p: Mapping[str, float], runs: list[Signals], 
     led = before if effect.keeps_extremes else before[-needed:]
     whole = np.concatenate([led, u])
     rest = np.array([run.at_rest for run in runs])
-    return effect.follow(whole, p, h, np.where(rest, 0.0, whole[0]))[len(led) :]
+    follow = effect.ends_after if at_ends else effect.follow
+    return follow(whole, p, h, np.where(rest, 0.0, whole[0]))[len(led) :]
 
 
 def _on_clock(effect: ActuatorEffect, p: Mapping[str, float], run: Signals, before: Array, u: Array) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.diagnose.data.mains_interference import find_mains_interference, remove_mains_interference
-from vlab.diagnose.data.runs import Feedthrough, signals_of
+from vlab.diagnose.data.runs import Feedthrough, signals_of, thinning
 from vlab.diagnose.parameters.effort_channels import EffortChange, EffortChannels
 from vlab.diagnose.parameters.locations import Place, places_of
 from vlab.diagnose.parameters.mjcf import Uncertain, adjusted, changes_of, stiffness_of
@@ -20,7 +20,7 @@ from vlab.diagnose.settings import LOCATIONS, MODE_SELECTION, REDUCED_MODEL
 from vlab.errors import BadCase
 from vlab.plants.base import Plant
 from vlab.plants.effort_sensors import effort_rows
-from vlab.signals import Array
+from vlab.signals import Array, sample_period
 
 
 def prepare(case: Case, roles: Sequence[str] = ("fit",)) -> Problem:
@@ -175,8 +175,13 @@ def _effort_channels(
         return None
     nominal, per_command = channel_rows(plant, channels), command_feedthrough(plant, channels)
     seen = np.zeros(len(plant.actuators))
-    for drive in (drive for run in recorded.runs for drive in run.drives if drive.actuator is not None):
-        seen[drive.actuator] = 0.5 if not drive.is_held else float(drive.is_first)
+    for run in recorded.runs:
+        time = run.measured.time - run.measured.time[0]
+        thin = thinning(len(time), sample_period(time), recorded.highest_hz)
+        for drive in (drive for drive in run.drives if drive.actuator is not None):
+            # half a recorded sample beside the sample, between the middles of two thinned intervals
+            aside = (0.0 if not drive.is_held else 0.5 if drive.is_first else -0.5) / thin
+            seen[drive.actuator] = 0.5 + aside
     step, found = REDUCED_MODEL.slope, []
     for i, parameter in enumerate(parameters):
         if parameter.is_of_actuator:

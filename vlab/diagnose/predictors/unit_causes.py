@@ -120,8 +120,8 @@ def causes_of_commands(effect: ActuatorEffect, shape: Shape, group: Group, place
     for k, i in enumerate(place.indices):
         changed = commands_changed(effect, group.u[..., i], shape, group.h, group.commands_before[:, i])
         out.append(Cause(series=changed, force=forces[:, i]))
-        if place.efforts.size:  # a sample is taken before its command takes effect
-            out += _read(before(changed, stood=True), place.efforts[:, k])
+        if place.efforts.size:
+            out += _read(_at_samples(changed, place.seen), place.efforts[:, k])
     return out
 
 

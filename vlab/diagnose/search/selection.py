@@ -144,6 +144,14 @@ def search(
     )
 
 
+def _best_of_starts(order: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return the best hypothesis of every label, of hypotheses by score."""
+    best: dict[str, Hypothesis] = {}
+    for h in order:
+        best.setdefault(h.label, h)
+    return list(best.values())
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _TimeSearch:
     """Screening, fits and calibrated model of a search in time.
@@ -213,7 +221,7 @@ class _TimeSearch:
                 slowly = shortlisted(slow.candidates(self.effects, among=among))[: SELECTION.slow_shortlist]
                 shortlist += side_by_side(slow.zoomed, [c for c in slowly if is_another_start(c, shortlist)])
                 slow.forget()
-            found = by_score(found, singles(shortlist[len(found) :]))
+            found = _best_of_starts(by_score(found, singles(shortlist[len(found) :])))
         return shortlist, by_score(found, singles(side_by_side(screen.zoomed, related_candidates(candidates, found))))
 
     def singles_on_whole_runs(self, shortlist: Sequence[Candidate], singles: list[Hypothesis]) -> list[Hypothesis]:

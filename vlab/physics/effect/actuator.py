@@ -29,8 +29,6 @@ class ActuatorEffect(ChannelEffect):
     """Whether the law remembers extremes of the command for any time, as hysteresis does."""
     keeps_constants: ClassVar[bool] = False
     """Whether a constant added to the command is added to the force, as in a delay or a slew limit."""
-    glides: ClassVar[bool] = False
-    """Whether the force moves on within a sample, as behind a lag, where commands are held."""
     keeps_time: ClassVar[bool] = False
     """Whether the law runs on a clock of its own that starts with the recording, as a hold does."""
 
@@ -77,6 +75,33 @@ class ActuatorEffect(ChannelEffect):
         if not (self.keeps_constants and np.any(before)):
             return self.actuate(u, p, h)
         return np.asarray(before + self.actuate(u - before, p, h))
+
+    def ends(self, u: Array, p: Values, h: float) -> Array:
+        """Return force signals at the ends of the sample intervals.
+
+        An effect that lets the force move on within an interval overrides the method.
+
+        Parameters
+        ----------
+        u : array
+            Commands, time along the first axis.
+        p : Values
+            Parameter values.
+        h : float
+            Sample period [s].
+
+        Returns
+        -------
+        array
+            Forces, shape and unit of `u`; by default those of `actuate`.
+        """
+        return self.actuate(u, p, h)
+
+    def ends_after(self, u: Array, p: Values, h: float, before: Any = 0.0) -> Array:
+        """Return `ends` after a command that stood before the start, see `follow`."""
+        if not (self.keeps_constants and np.any(before)):
+            return self.ends(u, p, h)
+        return np.asarray(before + self.ends(u - before, p, h))
 
     def follower(self, p: Values, h: float, before: float = 0.0) -> ActuatorStep:
         """Return the sample-by-sample form of `follow`.
