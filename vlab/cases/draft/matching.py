@@ -13,7 +13,8 @@ from scipy import signal
 
 from vlab import units
 from vlab.cases.draft.logs import Log
-from vlab.cases.draft.vector_sensors import VectorSensor, vector_sensor
+from vlab.cases.draft.model import feedback_of
+from vlab.cases.draft.vector_sensors import VectorSensor, only_vector_sensor, vector_sensor
 from vlab.cases.places import Suggestion, actuators_of, element_of, is_in_name, joints_of, numbered_from, suggest
 from vlab.files.text import in_line
 from vlab.plants.base import ActuatorTap, Plant
@@ -106,31 +107,6 @@ class Matched:
     used: tuple[Match, ...]
     left_out: tuple[LeftOut, ...]
     unread: tuple[str, ...] = ()
-
-
-def feedback_of(plant: Plant, name: str) -> str:
-    """Return what an actuator follows.
-
-    Parameters
-    ----------
-    plant : Plant
-        Model.
-    name : str
-        Name of the actuator.
-
-    Returns
-    -------
-    str
-        ``"position"`` or ``"velocity"`` of a servo, else an empty text.
-    """
-    model = plant.model
-    numbers = [i for i in range(model.nu) if model.actuator(i).name == name]
-    if not numbers or model.actuator_biastype[numbers[0]] != mujoco.mjtBias.mjBIAS_AFFINE:
-        return ""
-    (_, position, velocity), gain = model.actuator_biasprm[numbers[0], :3], model.actuator_gainprm[numbers[0], 0]
-    if position < 0.0:
-        return "position"
-    return "velocity" if velocity < 0.0 and gain == -velocity else ""  # a motor with back-EMF has another gain
 
 
 def unit_of(plant: Plant, match: Match) -> str:
@@ -391,15 +367,14 @@ class _Matcher:
 
     def _take_the_only_axis(self) -> None:
         """Give the only sensor, of three values, to the only column of its quantity."""
-        bases = {tap.name.rpartition(".")[0] for tap in self.plant.sensors}
-        vector = vector_sensor(self.plant, [base := bases.pop()], "") if len(bases) == 1 and "" not in bases else None
-        if vector is None or not all(m.is_input for m in self.candidates):
+        vector = only_vector_sensor(self.plant)
+        if vector is None or len(vector.moving) != 1 or not all(m.is_input for m in self.candidates):
             return
         outputs = [c for c in self.unplaced if c.kind == vector.kind.removeprefix("angular-")]
-        if len(outputs) == 1 and len(vector.moving) == 1:
+        if len(outputs) == 1:
             self.unplaced.remove(outputs[0])
             found = Suggestion(at=vector.moving[0], kind=vector.kind, is_input=False)
-            why = f"the only axis of the only sensor {in_line(base)!r} along which the model moves"
+            why = f"the only axis of the only sensor {in_line(vector.name)!r} along which the model moves"
             self._take(outputs[0], found, why, is_sure=False)
 
     def _only_output(self) -> str | None:

@@ -199,3 +199,28 @@ def without_column(names: Sequence[str]) -> list[str]:
         f"{name} has no column: its command is zero" if name.startswith("actuator") else f"{name} has no column"
         for name in names
     ]
+
+
+def feedback_of(plant: Plant, name: str) -> str:
+    """Return what an actuator follows.
+
+    Parameters
+    ----------
+    plant : Plant
+        Model.
+    name : str
+        Name of the actuator.
+
+    Returns
+    -------
+    str
+        ``"position"`` or ``"velocity"`` of a servo, else an empty text.
+    """
+    model = plant.model
+    numbers = [i for i in range(model.nu) if model.actuator(i).name == name]
+    if not numbers or model.actuator_biastype[numbers[0]] != mujoco.mjtBias.mjBIAS_AFFINE:
+        return ""
+    (_, position, velocity), gain = model.actuator_biasprm[numbers[0], :3], model.actuator_gainprm[numbers[0], 0]
+    if position < 0.0:
+        return "position"
+    return "velocity" if velocity < 0.0 and gain == -velocity else ""  # a motor with back-EMF has another gain

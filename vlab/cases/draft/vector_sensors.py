@@ -66,6 +66,23 @@ def vector_sensor(plant: Plant, columns: Sequence[str], kind: str) -> VectorSens
     return VectorSensor(name=found[0], kind=own, moving=_moving(plant, found[0]))
 
 
+def only_vector_sensor(plant: Plant) -> VectorSensor | None:
+    """Return the sensor of three values that is the only sensor of a model.
+
+    Parameters
+    ----------
+    plant : Plant
+        Model.
+
+    Returns
+    -------
+    VectorSensor or None
+        None for other sensors.
+    """
+    bases = {tap.name.rpartition(".")[0] for tap in plant.sensors}
+    return vector_sensor(plant, [bases.pop()], "") if len(bases) == 1 and "" not in bases else None
+
+
 def _moving(plant: Plant, name: str) -> tuple[str, ...]:
     """Return the values of a sensor that differ between states of the model."""
     model, rng = plant.model, np.random.default_rng(0)
