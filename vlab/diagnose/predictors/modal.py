@@ -68,7 +68,7 @@ def channels(
                 M = M + np.broadcast_to(mass, n_sets)[:, None, None] * outer
                 C = C + np.broadcast_to(damping, n_sets)[:, None, None] * outer
                 K = K + np.broadcast_to(stiffness, n_sets)[:, None, None] * outer
-    forces = _inputs(runs, terms, values, n_sets)
+    forces, ends = _inputs(runs, terms, values, n_sets, with_ends=reduced_model.efforts is not None)
     known = np.concatenate(
         [
             reduced_model.forces_at(theta),
@@ -94,8 +94,7 @@ def channels(
     with np.errstate(all="ignore"):  # a diverged trial keeps its large residual
         y = integrate(system, forces, known.shape[2], terms, values, (ports, seen), starts, runs, substeps)
         if reduced_model.efforts is not None:
-            commands = _commands_seen(reduced_model.efforts, runs, forces, _ends(runs, terms, values, n_sets))
-            y = y + reduced_model.efforts.added(theta, *commands)
+            y = y + reduced_model.efforts.added(theta, *_commands_seen(reduced_model.efforts, runs, forces, ends))
     return y
 
 
@@ -141,19 +140,13 @@ def _in_equilibrium(
     return still.under(starts, held, rates)
 
 
-def _inputs(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int) -> Array:
-    """Return commands after actuator effects, and direct loads."""
-    return _through_effects(runs, terms, values, n_sets)[0]
-
-
-def _ends(runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int) -> Array:
-    """Return the same at the ends of the intervals, as behind a lag."""
-    return _through_effects(runs, terms, values, n_sets)[1]
-
-
-def _through_effects(
-    runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int
+def _inputs(
+    runs: list[Signals], terms: Sequence[Term], values: Sequence[Mapping[str, Array]], n_sets: int, *, with_ends: bool
 ) -> tuple[Array, Array]:
+    """Return commands after actuator effects, and direct loads.
+
+    The second array has the commands at the ends of the intervals, as behind a lag, if asked for.
+    """
     n = max(len(run) for run in runs)
     out = np.zeros((n, 1, len(runs), runs[0].u.shape[1] + runs[0].load.shape[1]))
     for i, run in enumerate(runs):
@@ -169,7 +162,7 @@ def _through_effects(
                     given = out[:, s, :, i].copy()
                     out[:, s, :, i] = _acted(term.effect, p, runs, before[..., i], given)
                     ends[:, s, :, i] = out[:, s, :, i]
-                    if type(term.effect).ends is not ActuatorEffect.ends:
+                    if with_ends and type(term.effect).ends is not ActuatorEffect.ends:
                         ends[:, s, :, i] = _acted(term.effect, p, runs, before[..., i], given, at_ends=True)
     return out, ends
 
@@ -210,8 +203,7 @@ def _acted(
     led = before if effect.keeps_extremes else before[-needed:]
     whole = np.concatenate([led, u])
     rest = np.array([run.at_rest for run in runs])
-    follow = effect.ends_after if at_ends else effect.follow
-    return follow(whole, p, h, np.where(rest, 0.0, whole[0]))[len(led) :]
+    return effect.follow(whole, p, h, np.where(rest, 0.0, whole[0]), at_ends=at_ends)[len(led) :]
 
 
 def _on_clock(effect: ActuatorEffect, p: Mapping[str, float], run: Signals, before: Array, u: Array) -> Array:

@@ -51,7 +51,7 @@ class ActuatorEffect(ChannelEffect):
         """
         return 0.0
 
-    def follow(self, u: Array, p: Values, h: float, before: Any = 0.0) -> Array:
+    def follow(self, u: Array, p: Values, h: float, before: Any = 0.0, *, at_ends: bool = False) -> Array:
         """Return force signals after a command that stood before the start.
 
         A law without `keeps_constants` starts from rest.
@@ -66,15 +66,18 @@ class ActuatorEffect(ChannelEffect):
             Sample period [s].
         before : float or array
             Command before the start, of the shape of one sample.
+        at_ends : bool
+            Whether to return the forces at the ends of the sample intervals, see `ends`.
 
         Returns
         -------
         array
             Forces, shape and unit of `u`.
         """
+        act = self.ends if at_ends else self.actuate
         if not (self.keeps_constants and np.any(before)):
-            return self.actuate(u, p, h)
-        return np.asarray(before + self.actuate(u - before, p, h))
+            return act(u, p, h)
+        return np.asarray(before + act(u - before, p, h))
 
     def ends(self, u: Array, p: Values, h: float) -> Array:
         """Return force signals at the ends of the sample intervals.
@@ -96,12 +99,6 @@ class ActuatorEffect(ChannelEffect):
             Forces, shape and unit of `u`; by default those of `actuate`.
         """
         return self.actuate(u, p, h)
-
-    def ends_after(self, u: Array, p: Values, h: float, before: Any = 0.0) -> Array:
-        """Return `ends` after a command that stood before the start, see `follow`."""
-        if not (self.keeps_constants and np.any(before)):
-            return self.ends(u, p, h)
-        return np.asarray(before + self.ends(u - before, p, h))
 
     def follower(self, p: Values, h: float, before: float = 0.0) -> ActuatorStep:
         """Return the sample-by-sample form of `follow`.
