@@ -51,7 +51,7 @@ def test_a_window_remembers_the_extremes_of_the_commands_before_it():
     )  # fmt: skip
     values = {"growth": np.array([0.02]), "limit": np.array([10.0])}
     term = SimpleNamespace(effect=EFFECTS["actuator-hysteresis"], place=SimpleNamespace(indices=(0,)))
-    force = _inputs([window], [term], [values], 1)[:, 0, 0, 0]
+    force = _inputs([window], [term], [values], 1, with_ends=False)[0][:, 0, 0, 0]
     whole = term.effect.actuate(u[:, 0], {"growth": 0.02, "limit": 10.0}, 0.005)
     np.testing.assert_allclose(force, whole[at:], rtol=1e-12)
     fresh = term.effect.actuate(u[at:, 0], {"growth": 0.02, "limit": 10.0}, 0.005)
