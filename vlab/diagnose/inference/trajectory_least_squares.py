@@ -31,7 +31,7 @@ from vlab.diagnose.predictors.trajectory_laws import Law, Path, path_of
 from vlab.diagnose.predictors.trajectory_lines import Lines
 from vlab.diagnose.predictors.unit_effects import fast_march
 from vlab.diagnose.settings import FIT, TRAJECTORY, TRAJECTORY_FIT, TRAJECTORY_INTEGRATION
-from vlab.physics.effect import ActuatorEffect, Effect, PortEffect, SensorEffect, Step, Values
+from vlab.physics.effect import ActuatorEffect, PortEffect, SensorEffect, Step, Values
 from vlab.physics.servo import ServoEffect
 from vlab.signals import Array
 
@@ -243,7 +243,8 @@ class TrajectoryLeastSquares(LeastSquares):
         """Return channels (n, n_sets, n_windows, p) before sensor effects."""
         drive, forces, within = self._drive(terms, theta, values, len(theta))
         acting = [(term, own) for term, own in zip(terms, values, strict=True) if term.effect.kind == "port"]
-        steps = TRAJECTORY.fine if any(_has_fine_steps(term.effect) for term, _ in acting) else 1
+        # a drive answers a step of its command, and a law the drive, within an interval
+        steps = TRAJECTORY.fine if acting else 1
         A, G = (self.A, self.G) if steps == 1 else (self.fine_A, self.fine_G)
         laws = [self._law(term, self._calibrated(term, own, theta), G, steps) for term, own in acting]
         laws.sort(key=lambda law: (not law.is_linear, law.is_last))
@@ -465,10 +466,6 @@ class TrajectoryLeastSquares(LeastSquares):
 
 def _changed(effect: ActuatorEffect, p: Values, h: float, before: float, u: Array) -> Array:
     return np.asarray(effect.follow(u, p, h, before) - u)
-
-
-def _has_fine_steps(effect: Effect) -> bool:
-    return effect.traits.is_dry_friction or effect.is_fast
 
 
 def _sensed(effect: SensorEffect, x: Array, p: Values, h: float, t: Array, is_even: bool) -> Array:

@@ -254,7 +254,7 @@ class TrajectorySettings:
     """Settings of `vlab.diagnose.predictors.trajectory`."""
 
     fine: int = 4
-    """fine [1]: substeps of a sample interval under dry friction, and its parts under late commands, at least 1; default
+    """fine [1]: substeps of a sample interval under port laws, and its parts under late commands, at least 1; default
     untested. Raising it locates stops, reversals and changes of commands better and costs time."""
     tuning_samples: int = 600
     """tuning_samples [samples]: first samples of every run for the likelihood of the unknown-force intensity, above 0;
