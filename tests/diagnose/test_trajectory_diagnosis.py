@@ -24,11 +24,12 @@ from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.actuator_states import actuator_states
 from vlab.diagnose.predictors.recorded_motion import refuse_recorded_contacts
 from vlab.diagnose.predictors.scope import linear_problem
-from vlab.diagnose.predictors.step_jacobian import Stepper
+from vlab.diagnose.predictors.step_jacobian import Stepper, Substeps
 from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory
 from vlab.diagnose.search.model_class import choose_model_class
 from vlab.errors import BadCase
 from vlab.physics.catalogue import EFFECTS
+from vlab.plants.mjcf import build_mjcf
 
 SHIPPED = (
     "emps/case.toml", "silverbox/case.toml", "avc_cantilever/free_decay.toml", "avc_cantilever/closed_loop.toml"
@@ -164,7 +165,7 @@ def test_a_step_and_its_derivative_agree(tmp_path):
     case = load_case(tmp_path)
     stepper = Stepper(case.plant, tuple(case.runs()[0].compared))
     q, v, u, h = np.array([0.6, -0.9]), np.array([1.0, -2.0]), np.array([0.5, 0.2]), 1 / 150
-    stepper.substeps = 4
+    stepper.take(Substeps(count=4))
     first = stepper.advance(q, v, u, np.zeros(0), h)
     middle = stepper.advance(q, v, u, np.zeros(0), h / 2)
     L = stepper.slopes(*middle, u, np.zeros(0))[0]
@@ -172,6 +173,27 @@ def test_a_step_and_its_derivative_agree(tmp_path):
     moved = stepper.advance(q + move[:2], v + move[2:], u, np.zeros(0), h)
     change = np.concatenate([moved[0] - first[0], moved[1] - first[1]])
     np.testing.assert_allclose(change, expm(L * h) @ move, atol=2e-3 * np.abs(move).max())  # of second order in h
+
+
+@pytest.mark.parametrize(("decay", "is_implicit"), [(2e3, False), (2e5, True)])
+def test_steps_of_a_stiff_servo_are_stable(tmp_path, decay, is_implicit):
+    """A servo's friction of damping / inertia 1/s follows its command within an interval of 10 ms."""
+    inertia, gain = 1e-4, 60.0
+    path = tmp_path / "wrist.xml"
+    path.write_text(
+        f'''<mujoco><option timestep="0.002" integrator="implicitfast" gravity="0 0 0"/><worldbody><body>
+        <joint name="wrist" axis="0 1 0"/><inertial pos="0 0 0" mass="1" diaginertia="{inertia} {inertia} {inertia}"/>
+        </body></worldbody><actuator><position name="servo" joint="wrist" kp="{gain}" kv="{decay * inertia}"/></actuator>
+        </mujoco>'''
+    )
+    stepper = Stepper(build_mjcf("wrist.xml", folder=tmp_path), ())
+    q, v, u, none, h = np.array([0.1]), np.array([0.0]), np.array([0.4]), np.zeros(0), 0.01
+    found = stepper.find_substeps([(q, v, u, none, h)])
+    assert found.is_implicit == is_implicit
+    exact = expm(h * np.array([[0.0, 1.0], [-gain / inertia, -decay]])) @ [q[0] - u[0], v[0]]
+    q, v = stepper.advance(q, v, u, none, h)
+    # implicit steps of 2 ms err by the square of step times gain / damping
+    assert q[0] - u[0] == pytest.approx(exact[0], rel=1e-4 if not is_implicit else 2e-2)
 
 
 @pytest.mark.slow

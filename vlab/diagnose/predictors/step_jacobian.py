@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -16,8 +17,26 @@ from vlab.plants.effort_sensors import effort_rows
 from vlab.signals import Array
 
 
+@dataclass(frozen=True, kw_only=True)
+class Substeps:
+    """Integration of a sample interval.
+
+    Parameters
+    ----------
+    count : int
+        Steps of an interval.
+    is_implicit : bool
+        Whether the steps are implicit in the velocity instead of Runge-Kutta's.
+    """
+
+    count: int = 1
+    is_implicit: bool = False
+
+
 class Stepper:
-    """Plant stepped by the Runge-Kutta method from sample to sample.
+    """Plant stepped from sample to sample.
+
+    The method is Runge-Kutta's, or implicit in the velocity where the plant is too stiff for it.
 
     Parameters
     ----------
@@ -32,12 +51,11 @@ class Stepper:
     def __init__(self, plant: Plant, channels: Sequence[Compared], load_ports: Sequence[str] = ()) -> None:
         self.plant, self.channels = plant, tuple(channels)
         self.model = copy.copy(plant.model)
-        self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.data = mujoco.MjData(self.model)
         self.nq, self.nv = int(self.model.nq), int(self.model.nv)
         self.is_flat = self.nq == self.nv
-        self.substeps = 1
+        self.take(Substeps())
         self.lags = lags_of(plant)
         self._loads = [plant.port(name) for name in load_ports]
         self._readers = [_reader(plant, c) for c in self.channels]
@@ -58,6 +76,12 @@ class Stepper:
         size = 2 * self.nv + int(self.model.na)
         self._A, self._B = np.zeros((size, size)), np.zeros((size, int(self.model.nu)))
         self._C, self._one = np.zeros((int(self.model.nsensordata), size)), np.eye(self.nv)
+
+    def take(self, substeps: Substeps) -> None:
+        """Integrate intervals in these substeps from now on."""
+        self.substeps = substeps
+        methods = mujoco.mjtIntegrator
+        self.model.opt.integrator = methods.mjINT_IMPLICITFAST if substeps.is_implicit else methods.mjINT_RK4
 
     def _set(self, q: Array, v: Array, u: Array, load: Array, act: Array | None, push: Array | None) -> None:
         d = self.data
@@ -103,8 +127,8 @@ class Stepper:
             State at the end.
         """
         self._set(q, v, u, load, act, push)
-        self.model.opt.timestep = h / self.substeps
-        mujoco.mj_step(self.model, self.data, self.substeps)
+        self.model.opt.timestep = h / self.substeps.count
+        mujoco.mj_step(self.model, self.data, self.substeps.count)
         return self.data.qpos.copy(), self.data.qvel.copy()
 
     def read(
@@ -254,8 +278,10 @@ class Stepper:
                 D[:, i] = (self.read(q, v, u, load, act, push) - here) / force[i]
         return here, C, D
 
-    def find_substeps(self, states: Sequence[tuple[Array, Array, Array, Array, float]]) -> int:
+    def find_substeps(self, states: Sequence[tuple[Array, Array, Array, Array, float]]) -> Substeps:
         """Select the fewest substeps that match the model's own step.
+
+        Runge-Kutta steps are short enough to be stable. Where that takes too many, the steps are implicit.
 
         Parameters
         ----------
@@ -264,25 +290,38 @@ class Stepper:
 
         Returns
         -------
-        int
-            Substeps per interval, also stored.
+        Substeps
+            Substeps, also taken from now on.
         """
+        most = STEP_JACOBIAN.most_substeps
         largest = max(h for *_, h in states)
-        finest = min(max(1, int(np.ceil(largest / self.plant.timestep - 1e-9))), STEP_JACOBIAN.most_substeps)
-        self.substeps = finest
+        decay = min(max(self._fastest_decay(q, v, u, load) for q, v, u, load, _ in states) * largest, 1e3 * most)
+        least = max(1, int(np.ceil(decay / STEP_JACOBIAN.stable)))
+        is_implicit = least > most
+        own = int(np.ceil(largest / self.plant.timestep - 1e-9))
+        resolved = 1 if is_implicit else int(np.ceil(decay / STEP_JACOBIAN.resolved))
+        finest = Substeps(count=min(max(1, own, resolved), most), is_implicit=is_implicit)
+        self.take(finest)
         exact = [self.advance(q, v, u, load, h) for q, v, u, load, h in states]
         size = np.array([np.abs(self._difference(s[0], s[1], *e)) for s, e in zip(states, exact, strict=True)])
         scale = np.maximum(size.max(axis=0), 1e-12)
         for count in STEP_JACOBIAN.trial_substeps:
-            if count >= finest:
+            if is_implicit or count >= finest.count:
                 break
-            self.substeps = count
+            if count < least:
+                continue
+            self.take(Substeps(count=count))
             tried = [self.advance(q, v, u, load, h) for q, v, u, load, h in states]
             off = [np.abs(self._difference(*e, *t)) / scale for e, t in zip(exact, tried, strict=True)]
             if np.max(off) <= STEP_JACOBIAN.accurate:
-                return count
-        self.substeps = finest
+                return self.substeps
+        self.take(finest)
         return finest
+
+    def _fastest_decay(self, q: Array, v: Array, u: Array, load: Array) -> float:
+        """Return the fastest decay rate of deviations from a state [1/s]."""
+        L = self.slopes(q, v, u, load, None)[0]
+        return float(max(0.0, -np.linalg.eigvals(L).real.min())) if np.all(np.isfinite(L)) else np.inf
 
 
 def _reader(plant: Plant, channel: Compared) -> Callable[[Any], float]:

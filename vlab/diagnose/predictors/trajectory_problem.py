@@ -17,7 +17,7 @@ from vlab.diagnose.parameters.mjcf import Uncertain, changes_of, uncertain_param
 from vlab.diagnose.parameters.observation import ChannelRows
 from vlab.diagnose.parameters.recorded_runs import RecordedRuns, read_runs, recorded_commands
 from vlab.diagnose.parameters.reduced_model import ReducedModel
-from vlab.diagnose.predictors.step_jacobian import Stepper
+from vlab.diagnose.predictors.step_jacobian import Stepper, Substeps
 from vlab.diagnose.predictors.trajectory_data import Motion, TrajectoryData, first_motion, read_trajectory_data
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import LOCATIONS, STEP_JACOBIAN, TRAJECTORY_DATA
@@ -41,20 +41,20 @@ class Trajectories:
         Directly driven ports.
     driven : tuple of int
         Actuators driven by recordings or laws.
-    substeps : int
-        Substeps of a sample interval.
+    substeps : Substeps
+        Integration of a sample interval.
     """
 
     trajectories: tuple[TrajectoryData, ...]
     motions: tuple[Motion, ...]
     load_ports: tuple[str, ...]
     driven: tuple[int, ...]
-    substeps: int
+    substeps: Substeps
 
     def stepper(self, plant: Plant, channels: Sequence[Compared]) -> Stepper:
         """Return the stepper of a plant for these runs."""
         out = Stepper(plant, channels, self.load_ports)
-        out.substeps = self.substeps
+        out.take(self.substeps)
         return out
 
 
@@ -115,6 +115,8 @@ def prepare_trajectory(case: Case) -> tuple[Problem, Trajectories]:
     stepper, interferences = Stepper(plant, channels, load_ports), _interference(recorded)
     trajectories = _trajectories(case, recorded, stepper, interferences)
     at_rest = plant.new_data().qpos.copy()
+    still = np.zeros(stepper.nv)
+    stepper.find_substeps([(at_rest, still, c.u[0], c.load[0], float(np.max(c.h))) for c in trajectories])
     motions = side_by_side(lambda trajectory: first_motion(trajectory, stepper, at_rest), trajectories)
     substeps = stepper.find_substeps(
         [

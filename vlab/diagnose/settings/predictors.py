@@ -244,6 +244,12 @@ class StepJacobianSettings:
     trial_substeps: tuple[int, ...] = (1, 2, 4, 8, 16, 32)
     """trial_substeps [1]: substeps that are compared with the finest, from 1, rising; default powers of two. A further
     entry costs one evaluation."""
+    stable: float = 2.78
+    """stable [1]: largest product of substep and decay rate, above 0; default from the stability of the classical Runge-Kutta
+    method of fourth order (Hairer and Wanner 1996, section IV.2). Raising it lets stiff plants diverge."""
+    resolved: float = 0.5
+    """resolved [1]: largest product of substep and decay rate in the finest substeps, above 0; default from the method's
+    local error of 3e-4 of a decaying motion. Raising it takes fewer substeps."""
     compared: int = 12
     """compared [1]: intervals of a run on which substeps are compared, at least 1; default untested. Raising it costs
     time."""
