@@ -328,7 +328,7 @@ class SensorOffsetSettings:
 class SimulatorFitSettings:
     """Settings of `vlab.diagnose.inference.simulator_least_squares`."""
 
-    corrections: int = 4
+    corrections: int = 2
     """corrections [1]: corrections of the fit by MuJoCo's own run, at least 0; default untested. Raising it costs time.
     """
     steps: int = 5
