@@ -10,6 +10,7 @@ from scipy.stats import multivariate_normal
 from test_trajectory_diagnosis import shorter
 
 from vlab.cases import load_case
+from vlab.diagnose.predictors.step_jacobian import Substeps
 from vlab.diagnose.predictors.trajectory import (
     SystemBatch,
     filtered,
@@ -223,7 +224,7 @@ def arm(tmp_path_factory):
     case = shorter(load_case(folder), 120)
     problem, moving = prepare_trajectory(case)
     stepper = moving.stepper(problem.plant, problem.channels)
-    stepper.substeps = 4
+    stepper.take(Substeps(count=4))
     return moving, stepper
 
 
