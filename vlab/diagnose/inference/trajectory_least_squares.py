@@ -131,7 +131,7 @@ class TrajectoryLeastSquares(LeastSquares):
         self.efforts = screen.efforts if np.any(screen.efforts) else screen.efforts[:0]
         self.v = self._cut(pad_and_stack([a.motion.v for a in screen.systems]))
         self._lines: dict[str, tuple[Array, Array, Array, Array]] = {}
-        self._paths: dict[tuple[str, int], Path] = {}
+        self._paths: dict[str, Path] = {}
 
     def _cut(self, series: Array) -> Array:
         out = np.zeros((self.length, len(self.parts), *series.shape[2:]))
@@ -244,9 +244,8 @@ class TrajectoryLeastSquares(LeastSquares):
         drive, forces, within = self._drive(terms, theta, values, len(theta))
         acting = [(term, own) for term, own in zip(terms, values, strict=True) if term.effect.kind == "port"]
         # a drive answers a step of its command, and a law the drive, within an interval
-        steps = TRAJECTORY.fine if acting else 1
-        A, G = (self.A, self.G) if steps == 1 else (self.fine_A, self.fine_G)
-        laws = [self._law(term, self._calibrated(term, own, theta), G, steps) for term, own in acting]
+        steps, A, G = (TRAJECTORY.fine, self.fine_A, self.fine_G) if acting else (1, self.A, self.G)
+        laws = [self._law(term, self._calibrated(term, own, theta)) for term, own in acting]
         laws.sort(key=lambda law: (not law.is_linear, law.is_last))
         drive = np.einsum("kwan,kswn->kswa", G, drive, optimize=True)
         defect = self.defect[:, None] - within if within.ndim else self.defect[:, None]
@@ -329,12 +328,12 @@ class TrajectoryLeastSquares(LeastSquares):
                 out = out - np.einsum("kwn,kwm,kwmi->kwni", along, along, out, optimize=True) * which
         return out
 
-    def _law(self, term: Term, own: Mapping[str, Array], G: Array, steps: int) -> Law:
+    def _law(self, term: Term, own: Mapping[str, Array]) -> Law:
         rows, z, v, weight = self.lines(term.place)
-        path = self._paths.get((term.place.name, steps))
+        path = self._paths.get(term.place.name)
         if path is None:
-            path = path_of(rows, z, v, self.defect, self.h, G, weight, steps, self.even)
-            self._paths[term.place.name, steps] = path
+            path = path_of(rows, z, v, self.defect, self.h, self.fine_G, weight, TRAJECTORY.fine, self.even)
+            self._paths[term.place.name] = path
         command = None if term.place.coil is None else self._cut(self.moving.commands(term.place.coil))
         memory = self._remembered(term, own) if term.effect.is_force else None
         return Law(term, own, path, self.t, command, memory, self.efforts)

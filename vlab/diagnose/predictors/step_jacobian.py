@@ -295,8 +295,8 @@ class Stepper:
         """
         most = STEP_JACOBIAN.most_substeps
         largest = max(h for *_, h in states)
-        decay = min(max(self._fastest_decay(q, v, u, load) for q, v, u, load, _ in states) * largest, 1e3 * most)
-        least = max(1, int(np.ceil(decay / STEP_JACOBIAN.stable)))
+        decay = largest * max(self._fastest_decay(q, v, u, load) for q, v, u, load, _ in states)
+        least = decay / STEP_JACOBIAN.stable
         is_implicit = least > most
         own = int(np.ceil(largest / self.plant.timestep - 1e-9))
         resolved = 1 if is_implicit else int(np.ceil(decay / STEP_JACOBIAN.resolved))
@@ -305,11 +305,7 @@ class Stepper:
         exact = [self.advance(q, v, u, load, h) for q, v, u, load, h in states]
         size = np.array([np.abs(self._difference(s[0], s[1], *e)) for s, e in zip(states, exact, strict=True)])
         scale = np.maximum(size.max(axis=0), 1e-12)
-        for count in STEP_JACOBIAN.trial_substeps:
-            if is_implicit or count >= finest.count:
-                break
-            if count < least:
-                continue
+        for count in (c for c in STEP_JACOBIAN.trial_substeps if least <= c < finest.count):
             self.take(Substeps(count=count))
             tried = [self.advance(q, v, u, load, h) for q, v, u, load, h in states]
             off = [np.abs(self._difference(*e, *t)) / scale for e, t in zip(exact, tried, strict=True)]
