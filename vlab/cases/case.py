@@ -212,6 +212,11 @@ class Case:
         """Return the case with other tables of its recordings, in order."""
         return replace(self, table=replace(self.table, recording=tuple(tables)))
 
+    def with_uncertain(self, uncertain: Mapping[str, float]) -> "Case":
+        """Return the case with further uncertain quantities of its model."""
+        model = replace(self.table.model, uncertain={**self.table.model.uncertain, **uncertain})
+        return replace(self, table=replace(self.table, model=model))
+
     def with_channels(self, changed: Callable[[RecordingTable], Iterable[ChannelTable]]) -> "Case":
         """Return the case with other channel tables.
 

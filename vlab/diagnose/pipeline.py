@@ -8,7 +8,6 @@ from functools import partial
 import numpy as np
 
 from vlab.cases.case import Case
-from vlab.cases.channel_map import Run
 from vlab.cases.checks import FileCheck, check_recordings
 from vlab.diagnose.advice import (
     idle_note,
@@ -19,14 +18,14 @@ from vlab.diagnose.advice import (
     scope_note,
 )
 from vlab.diagnose.data.quality import assess_quality
-from vlab.diagnose.data_findings import DataFindings, look_at_data
+from vlab.diagnose.data_findings import look_at_data
 from vlab.diagnose.diagnosis import NAMING, Attempt, Diagnosis, Finding, RejectedCase, Verdict, reject_case
 from vlab.diagnose.findings import alternatives, by_what_they_explain, findings_of_terms, graded, one_per_law
 from vlab.diagnose.frequency_pipeline import FrequencyDiagnosed, diagnose_frequency, is_in_frequency
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.inference.prior_check import has_plausible_parameters, is_plausible_beside_noise
 from vlab.diagnose.inference.sensor_offset import find_sensor_offsets
-from vlab.diagnose.parameters.holdout import HoldOut, moves, read_holdout
+from vlab.diagnose.parameters.holdout import read_holdout
 from vlab.diagnose.parameters.locations import check_candidates, limited
 from vlab.diagnose.parameters.shared_numbers import with_whole_gains
 from vlab.diagnose.parameters.static_offset import StaticOffset, remove_static_offsets
@@ -36,12 +35,14 @@ from vlab.diagnose.problem import Problem, model_kind_of
 from vlab.diagnose.search.ablation import wrong_offsets
 from vlab.diagnose.search.alternative_conventions import choose_convention
 from vlab.diagnose.search.attempt import Trials, best_attempt, further_attempts, is_better_table, without_useless
-from vlab.diagnose.search.confirmation import Confirmation, Confirmed
+from vlab.diagnose.search.confirmation import Confirmation
 from vlab.diagnose.search.deadline import Deadline
 from vlab.diagnose.search.left_out_recordings import with_left_out
-from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised, choose_model_class
+from vlab.diagnose.search.model_class import choose_model_class
 from vlab.diagnose.search.sampling_convention import note_of_conventions
 from vlab.diagnose.search.selection import TimeFound
+from vlab.diagnose.search.stages import Judged, Searched
+from vlab.diagnose.search.unknown_geometry import UNKNOWN_GEOMETRY, with_unknown_geometry
 from vlab.diagnose.settings import VERDICT
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import explained_share, total
@@ -152,50 +153,6 @@ def diagnose(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Searched:
-    """Prepared case with the result of the search."""
-
-    file: FileCheck
-    static_offsets: Sequence[StaticOffset]
-    model_class: LinearTimeInvariant | TrajectoryLinearised
-    holdout: HoldOut
-    seen: DataFindings
-    found: TimeFound
-    notes: tuple[str, ...]
-
-    @property
-    def problem(self) -> Problem:
-        """Inverse problem of the search."""
-        return self.model_class.problem
-
-    @property
-    def runs(self) -> list[Run]:
-        """Recordings of the verdict."""
-        return list(self.holdout.runs) or [run for run in self.problem.runs if moves(run)]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Judged:
-    """Models of a confirmed choice, and the verdict on them."""
-
-    confirmed: Confirmed
-    seen: DataFindings
-    before: ExtendedModel
-    after: ExtendedModel
-    fit: Fit
-    verdict: Verdict = "none-of-these"
-    tried: Attempt | None = None
-    attempt: Attempt | None = None
-    refuted: frozenset[frozenset[str]] = frozenset()
-    notes: tuple[str, ...] = ()
-
-    @property
-    def choice(self) -> Choice:
-        """Chosen hypothesis."""
-        return self.confirmed.choice
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class _Pass:
     """One pass of a diagnosis from recordings.
 
@@ -251,9 +208,29 @@ class _Pass:
         judged = self._judge(searched, self._confirm(searched))
         if isinstance(judged, _Pass):
             return judged.run()
-        return self._again(searched, judged) or self._diagnosed(searched, judged)
+        return (
+            self._with_unknown_geometry(searched, judged)
+            or self._again(searched, judged)
+            or self._diagnosed(searched, judged)
+        )
 
-    def _again(self, searched: _Searched, judged: _Judged) -> Diagnosed | None:
+    def _with_unknown_geometry(self, searched: Searched, judged: Judged) -> Diagnosed | None:
+        """Return a better diagnosis of the case with unknown geometry, where the case states none."""
+        assert judged.tried is not None
+        if judged.verdict not in ("partly-explained", "none-of-these") or self.deadline.is_past:
+            return None
+        case = with_unknown_geometry(searched.model_class, searched.found, self.whole_case)
+        if case is None:
+            return None
+        note = "; ".join(filter(None, [self.note, UNKNOWN_GEOMETRY]))
+        again = replace(self, whole_case=case, note=note, checked_file=searched.file).run()
+        if not isinstance(again, Diagnosed) or judged.verdict == "none-of-these":
+            return again if isinstance(again, Diagnosed) else None
+        is_answer = again.diagnosis.verdict in (*NAMING, "nothing-missing")
+        is_better = total(again.diagnosis.checked, "after") < total(judged.tried.checked, "after")
+        return again if is_answer and is_better else None
+
+    def _again(self, searched: Searched, judged: Judged) -> Diagnosed | None:
         """Return the diagnosis of another search where this one fails.
 
         A sensor fault can absorb the linear error of a model. The second search is without these, the third for a table.
@@ -281,8 +258,8 @@ class _Pass:
         return None
 
     def _other(
-        self, searched: _Searched, effects: Sequence[Effect], note: str
-    ) -> tuple["_Pass", _Searched, _Judged | None]:
+        self, searched: Searched, effects: Sequence[Effect], note: str
+    ) -> tuple["_Pass", Searched, Judged | None]:
         """Return a search of other effects and its judgement."""
         other = replace(self, effects=effects, note="; ".join(filter(None, [self.note, note])))
         if self.deadline.is_past:
@@ -290,9 +267,9 @@ class _Pass:
         found = searched.model_class.search(effects, lambda share, what: None, self.deadline)
         ours = replace(searched, found=found)
         again = other._judge(ours, other._confirm(ours))
-        return other, ours, again if isinstance(again, _Judged) and again.verdict in NAMING else None
+        return other, ours, again if isinstance(again, Judged) and again.verdict in NAMING else None
 
-    def _search(self, case: Case, file: FileCheck, static_offsets: Sequence[StaticOffset]) -> _Searched:
+    def _search(self, case: Case, file: FileCheck, static_offsets: Sequence[StaticOffset]) -> Searched:
         """Return the result of the search."""
         refuse_recorded_contacts(case)
         model_class = choose_model_class(case, self.effects)
@@ -302,7 +279,7 @@ class _Pass:
         seen = look_at_data(problem, assess_quality([*problem.runs, *holdout.runs], problem.runs, file))
         effects = [] if seen.damage.fatal else self.effects
         found = model_class.search(effects, lambda share, what: self.report(0.8 * share, what), self.deadline)
-        return _Searched(
+        return Searched(
             file=file,
             static_offsets=static_offsets,
             model_class=model_class,
@@ -312,7 +289,7 @@ class _Pass:
             notes=self.deadline.notes,
         )
 
-    def _confirm(self, searched: _Searched) -> _Judged:
+    def _confirm(self, searched: Searched) -> Judged:
         """Return the confirmed choice with its models, without a verdict."""
         problem, found = searched.problem, searched.found
         confirmation = Confirmation(
@@ -333,9 +310,9 @@ class _Pass:
             on_fitted = check(problem.runs, without, after, horizon_s=problem.horizon_s)
             if not is_needed_beside_data(confirmed.choice, on_fitted, model_kind=problem.model_kind):
                 fit, after = fit_before, without  # the findings from the data alone explain the recordings
-        return _Judged(confirmed=confirmed, seen=seen, before=before, after=after, fit=fit)
+        return Judged(confirmed=confirmed, seen=seen, before=before, after=after, fit=fit)
 
-    def _judge(self, searched: _Searched, judged: _Judged) -> "_Judged | _Pass":
+    def _judge(self, searched: Searched, judged: Judged) -> "Judged | _Pass":
         """Return the verdict, or a pass with shorter time steps."""
         self.report(0.9, "checking in MuJoCo")
         problem, seen, fit = searched.problem, judged.seen, judged.fit
@@ -384,7 +361,7 @@ class _Pass:
         judged = replace(judged, verdict=verdict, tried=tried, notes=notes)
         return self._graded(searched, judged, trials) if verdict == "none-of-these" else judged
 
-    def _graded(self, searched: _Searched, judged: _Judged, trials: Trials) -> _Judged:
+    def _graded(self, searched: Searched, judged: Judged, trials: Trials) -> Judged:
         """Return the partial explanation, or else the best attempt."""
         assert judged.tried is not None
         shares = {h.label: p for h, p in judged.choice.tried if p > VERDICT.false_alarm_rate}
@@ -413,7 +390,7 @@ class _Pass:
         judged = replace(judged, refuted=frozenset(refuted))
         return replace(judged, verdict="partly-explained", tried=attempt, fit=attempt.fit, after=after)
 
-    def _diagnosed(self, searched: _Searched, judged: _Judged) -> Diagnosed:
+    def _diagnosed(self, searched: Searched, judged: Judged) -> Diagnosed:
         """Return the diagnosis with its models."""
         assert judged.tried is not None
         problem, verdict, choice = searched.problem, judged.verdict, judged.choice.without(judged.refuted)
@@ -462,7 +439,7 @@ class _Pass:
             fit=fit,
         )
 
-    def _separating_experiment(self, searched: _Searched, judged: _Judged) -> str:
+    def _separating_experiment(self, searched: Searched, judged: Judged) -> str:
         """Return the experiment that separates the two leading rivals, or ""."""
         tried, choice = judged.attempt or judged.tried, judged.choice
         # beside a complete explanation, what is clearly less probable is no rival
@@ -471,7 +448,7 @@ class _Pass:
             return ""
         return separate(searched.problem, rivals, searched.runs, tried.checked)
 
-    def _notes(self, searched: _Searched, judged: _Judged, checked: Sequence[Checked]) -> tuple[str, ...]:
+    def _notes(self, searched: Searched, judged: Judged, checked: Sequence[Checked]) -> tuple[str, ...]:
         """Return the notes of a diagnosis."""
         verdict, model_kind, attempt = judged.verdict, searched.problem.model_kind, judged.attempt
         assert judged.tried is not None
