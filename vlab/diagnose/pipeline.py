@@ -42,7 +42,7 @@ from vlab.diagnose.search.model_class import choose_model_class
 from vlab.diagnose.search.sampling_convention import note_of_conventions
 from vlab.diagnose.search.selection import TimeFound
 from vlab.diagnose.search.stages import Judged, Searched
-from vlab.diagnose.search.unknown_geometry import UNKNOWN_GEOMETRY, with_unknown_geometry
+from vlab.diagnose.search.unknown_geometry import UNKNOWN_GEOMETRY, is_better_with_geometry, with_unknown_geometry
 from vlab.diagnose.settings import VERDICT
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import explained_share, total
@@ -216,19 +216,17 @@ class _Pass:
 
     def _with_unknown_geometry(self, searched: Searched, judged: Judged) -> Diagnosed | None:
         """Return a better diagnosis of the case with unknown geometry, where the case states none."""
-        assert judged.tried is not None
-        if judged.verdict not in ("partly-explained", "none-of-these") or self.deadline.is_past:
+        if judged.verdict not in (*NAMING, "none-of-these") or self.deadline.is_past:
             return None
         case = with_unknown_geometry(searched.model_class, searched.found, self.whole_case)
         if case is None:
             return None
         note = "; ".join(filter(None, [self.note, UNKNOWN_GEOMETRY]))
         again = replace(self, whole_case=case, note=note, checked_file=searched.file).run()
-        if not isinstance(again, Diagnosed) or judged.verdict == "none-of-these":
-            return again if isinstance(again, Diagnosed) else None
-        is_answer = again.diagnosis.verdict in (*NAMING, "nothing-missing")
-        is_better = total(again.diagnosis.checked, "after") < total(judged.tried.checked, "after")
-        return again if is_answer and is_better else None
+        if not isinstance(again, Diagnosed):
+            return None
+        freed = len(case.table.model.uncertain) - len(self.whole_case.table.model.uncertain)
+        return again if is_better_with_geometry(again.diagnosis, judged, freed) else None
 
     def _again(self, searched: Searched, judged: Judged) -> Diagnosed | None:
         """Return the diagnosis of another search where this one fails.
