@@ -59,6 +59,7 @@ from vlab.diagnose.verdict import (
     is_partial_explanation,
     is_within_noise,
     residual_note,
+    unproven_note,
 )
 from vlab.physics.catalogue import CANDIDATES, last_resort
 from vlab.physics.effect import Effect
@@ -457,6 +458,7 @@ class _Pass:
             *fit_note(verdict, checked, model_kind=model_kind),
             *notes_on_models(checked),
             *idle_note(idle),
+            *unproven_note(verdict, attempt.checked if attempt else ()),
             *judged.notes,
             *([self.note] if self.note else []),
             *self.scope,

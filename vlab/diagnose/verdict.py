@@ -318,6 +318,16 @@ def _leaves_less_than_half(checked: Sequence[Distance]) -> bool:
     return 2.0 * total(checked, "after") ** 2 <= total(checked, "start") ** 2
 
 
+def unproven_note(verdict: Verdict, checked: Sequence[Distance]) -> tuple[str, ...]:
+    """Return a note on an attempt whose success on hold-out recordings may be chance."""
+    tests = verifying(checked)
+    if verdict != "none-of-these" or not tests or not _leaves_less_than_half(tests) or _predicts_better(tests):
+        return ()
+    return (
+        "the hold-out recordings are too short or too few to show that the best attempt is more than chance: hold out more",
+    )
+
+
 def family_share(choice: Choice, families: Collection[str]) -> float:
     """Return the posterior share of some families among all fitted effects.
 
