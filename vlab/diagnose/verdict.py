@@ -324,7 +324,8 @@ def unproven_note(verdict: Verdict, checked: Sequence[Distance]) -> tuple[str, .
     if verdict != "none-of-these" or not tests or not _leaves_less_than_half(tests) or _predicts_better(tests):
         return ()
     return (
-        "the hold-out recordings are too short or too few to show that the best attempt is more than chance: hold out more",
+        "the best attempt leaves less than half of the mean-square error on the hold-out recordings, but not beyond chance: "
+        "hold out more or longer recordings",
     )
 
 
