@@ -52,6 +52,7 @@ def test_the_evidence_is_a_file_a_campaign():
     assert [file.name for file in SHIPPED] == [
         "arms-14.jsonl.xz",
         "arms-16.jsonl.xz",
+        "arms-16b.jsonl.xz",
         "arms-20.jsonl.xz",
         "beams-4.jsonl.xz",
         "beams-4b.jsonl.xz",
