@@ -1,6 +1,7 @@
 """Partial explanations: significance between predictions, horizons, shares, and several effects at once."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from vlab.diagnose.inference.evidence import Hypothesis
 from vlab.diagnose.inference.fit_at_optimum import information_on
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.inference.prior_check import has_plausible_parameters
+from vlab.diagnose.model_kinds.mjcf_model import MjcfModel
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.terms import Candidate, Term
 from vlab.diagnose.pipeline import diagnose
@@ -132,7 +134,20 @@ def test_effects_in_a_structure_explain_more_than_they_leave(after, stands):
     own = replace(finding("added-mass"), family=EFFECTS["added-mass"].family)
     attempt, of = Attempt(findings=(own,), checked=checked, fit=fit_of()), choice(added_mass=0.9)
     assert is_partial_explanation(attempt, of)
-    assert is_partial_explanation(attempt, of, has_mesh_error=True) is stands
+    assert is_partial_explanation(attempt, of, model_kind=SimpleNamespace(has_mesh_error=True)) is stands
+
+
+def test_an_attempt_that_closes_the_gap_is_a_partial_explanation():
+    """Friction that differs from day to day spoils single blocks; the same holds for the first choice."""
+    mixed = np.array([5.0, 5.0, 5.0, 5.0, -1.0, -1.0, -1.0, -1.0])
+    own = replace(finding("coulomb-friction"), family=EFFECTS["coulomb-friction"].family)
+    of, kind = choice(coulomb_friction=0.9), MjcfModel()
+    checked = distance(nominal=0.5, calibrated=0.4, after=0.02, log_ratios=mixed)
+    attempt = Attempt(findings=(own,), checked=(checked,), fit=fit_of())
+    assert not is_partial_explanation(attempt, of)
+    assert is_partial_explanation(attempt, of, model_kind=kind)
+    left = replace(attempt, checked=(replace(checked, after=0.3),))
+    assert not is_partial_explanation(left, of, model_kind=kind)
 
 
 def test_another_error_of_a_refuted_model_is_as_likely_as_its_effect():

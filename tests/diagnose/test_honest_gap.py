@@ -25,7 +25,7 @@ from vlab.diagnose.settings import ATTEMPT, EVIDENCE, MODEL_CHOICE
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import Distance, Part, part_of, whole_gap
 from vlab.diagnose.validation.simulation import Ablations, ExtendedModel, check, spread_over
-from vlab.diagnose.verdict import closes_gap, decide_verdict, fit_note, unproven_note, unproven_note
+from vlab.diagnose.verdict import closes_gap, decide_verdict, fit_note, unproven_note
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS
 from vlab.signals import Channel, Recording
@@ -56,14 +56,6 @@ def finding(effect="stop", place="joint:a", **values):
         effect=effect, form=effect, family="contact", place=place, places_90=(place,), probability=0.96, alike=(effect,),
         parameters={k: {"value": v, "unit": "N", "ci90": [v, v]} for k, v in values.items()}, law="F", words="w",
     )  # fmt: skip
-
-
-def test_a_short_holdout_is_said_beside_an_attempt():
-    ratios = np.array([2.0, 3.0, -0.5, 1.0])  # four blocks cannot exclude chance, forty can
-    assert "hold out more" in unproven_note("none-of-these", [distance(log_ratios=ratios)])[0]
-    assert unproven_note("none-of-these", [distance(log_ratios=np.tile(ratios, 10))]) == ()
-    assert unproven_note("none-of-these", [distance(log_ratios=ratios, after=0.35)]) == ()
-    assert unproven_note("partly-explained", [distance(log_ratios=ratios)]) == ()
 
 
 def test_a_short_holdout_is_said_beside_an_attempt():

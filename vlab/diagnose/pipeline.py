@@ -366,18 +366,16 @@ class _Pass:
         shares = {h.label: p for h, p in judged.choice.tried if p > VERDICT.false_alarm_rate}
         others = [h for h in searched.found.hypotheses if h.label != judged.choice.best.label]
         others.sort(key=lambda h: -shares.get(h.label, 0.0))  # then by score
-        has_mesh_error = searched.problem.model_kind.has_mesh_error
+        model_kind = searched.problem.model_kind
         refuted: set[frozenset[str]] = set()
-        is_partial = partial(
-            is_partial_explanation, choice=judged.choice, refuted=refuted, has_mesh_error=has_mesh_error
-        )
+        is_partial = partial(is_partial_explanation, choice=judged.choice, refuted=refuted, model_kind=model_kind)
         attempt_of = partial(trials.of_hypothesis, effects=self.effects)
         attempts = further_attempts(judged.tried, others, attempt_of)
         attempt = best_attempt(judged.tried, attempts, is_partial, refuted)
         if attempt is None or not is_partial(attempt):
             if attempt is not None and attempt.is_of_the_fit_alone:
                 fitted = trials.on_fitted(attempt.fit, attempt.findings)
-                attempt = replace(attempt, explains_fitted=closes_gap(fitted, model_kind=searched.problem.model_kind))
+                attempt = replace(attempt, explains_fitted=closes_gap(fitted, model_kind=model_kind))
             return replace(judged, attempt=attempt)
         terms_of = partial(findings_of_terms, judged.choice, problem=searched.problem)
         attempt = without_useless(

@@ -353,7 +353,7 @@ def is_partial_explanation(
     choice: Choice,
     *,
     refuted: Collection[frozenset[str]] = frozenset(),
-    has_mesh_error: bool = False,
+    model_kind: ModelKind | None = None,
 ) -> bool:
     """Return whether an attempt is a partial explanation.
 
@@ -368,8 +368,9 @@ def is_partial_explanation(
         Choice with its ranking.
     refuted : collection of frozenset of str
         Labels of hypotheses that hold-out data refute.
-    has_mesh_error : bool
-        Whether effects absorb mesh error.
+    model_kind : ModelKind or None
+        Kind of the nominal model of recordings in time. Effects that close their gap need no further proof, except beside
+        mesh error, which effects absorb.
 
     Returns
     -------
@@ -378,8 +379,11 @@ def is_partial_explanation(
     """
     families = {finding.family for finding in attempt.findings}
     is_held_out = all(c.role == "holdout" for c in attempt.checked)
-    explains = explains_most if has_mesh_error else explains_part
-    return is_held_out and explains(attempt.checked) and family_share(choice.without(refuted), families) > 0.5
+    has_mesh_error = model_kind is not None and model_kind.has_mesh_error
+    explains = (explains_most if has_mesh_error else explains_part)(attempt.checked)
+    if not has_mesh_error and model_kind is not None:
+        explains = explains or closes_gap(attempt.checked, model_kind=model_kind)
+    return is_held_out and explains and family_share(choice.without(refuted), families) > 0.5
 
 
 def _is_like_mesh_error(choice: Choice) -> bool:
