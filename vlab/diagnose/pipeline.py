@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -202,8 +203,8 @@ class _Pass:
         is_final = bool(self.note) or bool(searched.seen.damage.fatal)
         other = None if is_final else choose_convention(searched.model_class, searched.found, self.whole_case)
         if other is not None:
-            again = replace(
-                self, whole_case=other.of(self.whole_case), note=note_of_conventions([other.words]), checked_file=file
+            again = self._repeated(
+                whole_case=other.of(self.whole_case), note=note_of_conventions([other.words]), checked_file=file
             )
             return again.run()
         judged = self._judge(searched, self._confirm(searched))
@@ -215,6 +216,11 @@ class _Pass:
             or self._diagnosed(searched, judged)
         )
 
+    def _repeated(self, **changed: Any) -> "_Pass":
+        """Return a changed pass with the second half of the progress."""
+        report = self.report  # a repeated pass takes about as long as the first
+        return replace(self, report=lambda share, what: report(0.5 + 0.5 * share, what), **changed)
+
     def _with_unknown_geometry(self, searched: Searched, judged: Judged) -> Diagnosed | None:
         """Return a better diagnosis of the case with unknown geometry, where the case states none."""
         if judged.verdict not in (*NAMING, "none-of-these") or self.deadline.is_past:
@@ -223,7 +229,7 @@ class _Pass:
         if case is None:
             return None
         note = "; ".join(filter(None, [self.note, UNKNOWN_GEOMETRY]))
-        again = replace(self, whole_case=case, note=note, checked_file=searched.file).run()
+        again = self._repeated(whole_case=case, note=note, checked_file=searched.file).run()
         if not isinstance(again, Diagnosed):
             return None
         freed = len(case.table.model.uncertain) - len(self.whole_case.table.model.uncertain)
@@ -354,7 +360,7 @@ class _Pass:
             elif not self.note:  # the fit compensates the coarse steps, so the search repeats
                 note = f"{coarse}; all of the search is with the shorter ones"
                 finer_case = replace(self.whole_case, plant=with_finer_steps(trials.nominal).plant)
-                return replace(self, whole_case=finer_case, note=note, checked_file=searched.file)
+                return self._repeated(whole_case=finer_case, note=note, checked_file=searched.file)
             judged = replace(judged, notes=(coarse,))
         notes = (*judged.notes, *(note for checked in tried.checked for note in checked.notes))
         judged = replace(judged, verdict=verdict, tried=tried, notes=notes)

@@ -319,7 +319,20 @@ def _leaves_less_than_half(checked: Sequence[Distance]) -> bool:
 
 
 def unproven_note(verdict: Verdict, checked: Sequence[Distance]) -> tuple[str, ...]:
-    """Return a note on an attempt whose success on hold-out recordings may be chance."""
+    """Return a note on an attempt whose success on hold-out recordings may be chance.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        Verdict.
+    checked : sequence of Distance
+        Errors of the best attempt.
+
+    Returns
+    -------
+    tuple of str
+        One note, or none.
+    """
     tests = verifying(checked)
     if verdict != "none-of-these" or not tests or not _leaves_less_than_half(tests) or _predicts_better(tests):
         return ()
@@ -327,25 +340,6 @@ def unproven_note(verdict: Verdict, checked: Sequence[Distance]) -> tuple[str, .
         "the best attempt leaves less than half of the mean-square error on the hold-out recordings, but not beyond chance: "
         "hold out more or longer recordings",
     )
-
-
-def family_share(choice: Choice, families: Collection[str]) -> float:
-    """Return the posterior share of some families among all fitted effects.
-
-    Parameters
-    ----------
-    choice : Choice
-        Choice with its ranking.
-    families : collection of str
-        Families of one hypothesis.
-
-    Returns
-    -------
-    float
-        Share of the hypotheses with an effect of one of the families [1].
-    """
-    shares = [(p, any(t.effect.family in families for t in h.terms)) for h, p in choice.tried if h.terms]
-    return sum(p for p, is_own in shares if is_own) / max(sum(p for p, _ in shares), 1e-300)
 
 
 def is_partial_explanation(
@@ -383,7 +377,7 @@ def is_partial_explanation(
     explains = (explains_most if has_mesh_error else explains_part)(attempt.checked)
     if not has_mesh_error and model_kind is not None:
         explains = explains or closes_gap(attempt.checked, model_kind=model_kind)
-    return is_held_out and explains and family_share(choice.without(refuted), families) > 0.5
+    return is_held_out and explains and choice.without(refuted).share_of(families) > 0.5
 
 
 def _is_like_mesh_error(choice: Choice) -> bool:

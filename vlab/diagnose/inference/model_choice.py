@@ -52,6 +52,22 @@ class Choice:
         """All hypotheses with probabilities, the chosen one first."""
         return ((self.best, self.probability), *self.ranking) if self.best.terms else self.ranking
 
+    def share_of(self, families: Collection[str]) -> float:
+        """Return the posterior share of some families among all fitted effects.
+
+        Parameters
+        ----------
+        families : collection of str
+            Families of one hypothesis.
+
+        Returns
+        -------
+        float
+            Share of the hypotheses with an effect of one of the families [1].
+        """
+        shares = [(p, any(t.effect.family in families for t in h.terms)) for h, p in self.tried if h.terms]
+        return sum(p for p, is_own in shares if is_own) / max(sum(p for p, _ in shares), 1e-300)
+
     def without(self, refuted: Collection[frozenset[str]]) -> "Choice":
         """Return the choice after hold-out data refuted hypotheses.
 

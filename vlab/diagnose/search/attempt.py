@@ -21,7 +21,7 @@ from vlab.diagnose.settings import ATTEMPT, MODEL_CHOICE
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import total, verifying
 from vlab.diagnose.validation.simulation import ExtendedModel, SimulationCache, check, extended, spread_over
-from vlab.diagnose.verdict import explains_most, explains_part, family_share
+from vlab.diagnose.verdict import explains_most, explains_part
 from vlab.physics.effect import Effect
 
 
@@ -214,7 +214,7 @@ class Trials:
             Refitted attempt whose families have more than half of the posterior each, as far as fewer effects stand.
         """
         all_terms = attempt.fit.terms
-        shares = [family_share(choice, {term.effect.family}) for term in all_terms]
+        shares = [choice.share_of({term.effect.family}) for term in all_terms]
         improbable = [k for k in np.argsort(shares, kind="stable") if shares[k] <= 0.5 and shares[k] < max(shares)]
         for count in range(len(improbable), 0, -1):
             terms = [term for k, term in enumerate(all_terms) if k not in improbable[:count]]
