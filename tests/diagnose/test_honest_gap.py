@@ -64,6 +64,7 @@ def test_a_short_holdout_is_said_beside_an_attempt():
     assert unproven_note("none-of-these", [distance(log_ratios=np.tile(ratios, 10))]) == ()
     assert unproven_note("none-of-these", [distance(log_ratios=ratios, after=0.35)]) == ()
     assert unproven_note("partly-explained", [distance(log_ratios=ratios)]) == ()
+    assert unproven_note("none-of-these", [distance(log_ratios=ratios, role="fit")]) == ()
 
 
 # ---- the better of the model as given and the refitted one ----------------------------------------------------------

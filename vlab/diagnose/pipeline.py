@@ -43,7 +43,13 @@ from vlab.diagnose.search.model_class import choose_model_class
 from vlab.diagnose.search.sampling_convention import note_of_conventions
 from vlab.diagnose.search.selection import TimeFound
 from vlab.diagnose.search.stages import Judged, Searched
-from vlab.diagnose.search.unknown_geometry import UNKNOWN_GEOMETRY, is_better_with_geometry, with_unknown_geometry
+from vlab.diagnose.search.unknown_geometry import (
+    is_better_with_geometry,
+    is_geometry_contradicted,
+    may_be_simpler,
+    unknown_geometry_note,
+    unstated_geometry,
+)
 from vlab.diagnose.settings import VERDICT
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import explained_share, total
@@ -223,17 +229,17 @@ class _Pass:
 
     def _with_unknown_geometry(self, searched: Searched, judged: Judged) -> Diagnosed | None:
         """Return a better diagnosis of the case with unknown geometry, where the case states none."""
-        if judged.verdict not in (*NAMING, "none-of-these") or self.deadline.is_past:
+        kinds = unstated_geometry(searched.problem, self.whole_case)
+        if self.deadline.is_past or not may_be_simpler(judged, len(kinds)):
             return None
-        case = with_unknown_geometry(searched.model_class, searched.found, self.whole_case)
-        if case is None:
+        if not is_geometry_contradicted(searched.model_class, searched.found, kinds):
             return None
-        note = "; ".join(filter(None, [self.note, UNKNOWN_GEOMETRY]))
+        note = "; ".join(filter(None, [self.note, unknown_geometry_note(list(kinds))]))
+        case = self.whole_case.with_uncertain(kinds)
         again = self._repeated(whole_case=case, note=note, checked_file=searched.file).run()
-        if not isinstance(again, Diagnosed):
+        if not isinstance(again, Diagnosed) or self.deadline.is_past:  # a search cut short replaces none
             return None
-        freed = len(case.table.model.uncertain) - len(self.whole_case.table.model.uncertain)
-        return again if is_better_with_geometry(again.diagnosis, judged, freed) else None
+        return again if is_better_with_geometry(again.diagnosis, judged, len(kinds)) else None
 
     def _again(self, searched: Searched, judged: Judged) -> Diagnosed | None:
         """Return the diagnosis of another search where this one fails.

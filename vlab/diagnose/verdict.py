@@ -334,7 +334,8 @@ def unproven_note(verdict: Verdict, checked: Sequence[Distance]) -> tuple[str, .
         One note, or none.
     """
     tests = verifying(checked)
-    if verdict != "none-of-these" or not tests or not _leaves_less_than_half(tests) or _predicts_better(tests):
+    is_held_out = bool(tests) and all(c.role == "holdout" and c.after < c.start < np.inf for c in tests)
+    if verdict != "none-of-these" or not is_held_out or not _leaves_less_than_half(tests) or _predicts_better(tests):
         return ()
     return (
         "the best attempt leaves less than half of the mean-square error on the hold-out recordings, but not beyond chance: "

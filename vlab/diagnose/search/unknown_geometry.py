@@ -10,24 +10,38 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised
 from vlab.diagnose.search.selection import TimeFound
 from vlab.diagnose.search.stages import Judged
-from vlab.diagnose.settings import GEOMETRY, HYPOTHESIS_FITS, SAMPLING_CONVENTION
+from vlab.diagnose.settings import EVIDENCE, GAP, GEOMETRY, HYPOTHESIS_FITS, SAMPLING_CONVENTION
 from vlab.diagnose.validation.gap import total
 
-UNKNOWN_GEOMETRY = (
-    "the case states no uncertainty of the geometry, and the recordings contradict that of a drawing: inertia and length "
-    "were left to the recordings"
-)
-"""Note on a search with unknown geometry."""
+
+def unstated_geometry(problem: Problem, stated: Case) -> dict[str, float]:
+    """Return the kinds of geometry that a case does not state.
+
+    Parameters
+    ----------
+    problem : Problem
+        Inverse problem.
+    stated : Case
+        Case as it is stated, by kind or by element.
+
+    Returns
+    -------
+    dict of str to float
+        Standard deviations of a sketch by kind, of the kinds among the uncertain parameters.
+    """
+    named = {name.rpartition(":")[2] for name in stated.table.model.uncertain}
+    free = {p.kind for p in problem.parameters}
+    return {kind: sd for kind, sd in GEOMETRY.unknown.items() if kind in free and kind not in named}
 
 
-def with_unknown_geometry(
-    model_class: LinearTimeInvariant | TrajectoryLinearised, found: TimeFound, stated: Case
-) -> Case | None:
-    """Return the case with unknown geometry where the recordings ask for it.
+def is_geometry_contradicted(
+    model_class: LinearTimeInvariant | TrajectoryLinearised, found: TimeFound, kinds: dict[str, float]
+) -> bool:
+    """Return whether recordings along a motion contradict the tolerance of a drawing.
 
     Inertia and length are known to the tolerance of a drawing where a case states nothing. Models of real machines are
     often sketches. The likelihood of the calibrated model shows a sketch: the gain of a wide prior exceeds the chance gain
-    of all parameters.
+    of all parameters. Near rest, springs and masses stand for a wrong geometry.
 
     Parameters
     ----------
@@ -35,32 +49,51 @@ def with_unknown_geometry(
         Model class of the case.
     found : TimeFound
         Result of the search.
-    stated : Case
-        Case as it is stated.
+    kinds : dict of str to float
+        Standard deviations of a sketch by kind.
 
     Returns
     -------
-    Case or None
-        Case with a wide prior; None where the case states the geometry or the gain is small.
+    bool
+        Whether a wide prior explains clearly more.
     """
-    kinds = _unstated_kinds(model_class.problem, stated)
-    if not kinds:
-        return None
+    if not kinds or not isinstance(model_class, TrajectoryLinearised):
+        return False
     refiner = model_class.whole_runs_of(model_class.problem.case.with_uncertain(kinds), found.whole.model_error)
-    if refiner is None:
-        return None
     before = found.before.long_fit
     left = before.cost / found.whole.n_values
     now = refiner.fit((), before, HYPOTHESIS_FITS.whole_iterations).cost / refiner.n_values
-    gain = 0.5 * found.whole.effective_samples * float(np.log(left / now))
-    return stated.with_uncertain(kinds) if gain > SAMPLING_CONVENTION.gain else None
+    samples = min(found.whole.effective_samples, EVIDENCE.model_error_samples)
+    gain = 0.5 * samples * float(np.log(left / max(now, np.finfo(float).tiny)))
+    return gain > SAMPLING_CONVENTION.gain
+
+
+def may_be_simpler(judged: Judged, freed: int) -> bool:
+    """Return whether a diagnosis with freed kinds of geometry can replace a judgement.
+
+    Parameters
+    ----------
+    judged : Judged
+        Judgement with the geometry of a drawing.
+    freed : int
+        Kinds of geometry left to the recordings.
+
+    Returns
+    -------
+    bool
+        False for a verdict that is no answer, and for a complete one with as few parameters.
+    """
+    if judged.verdict == "missing-physics":
+        assert judged.tried is not None
+        return freed < _count(judged.tried.findings)
+    return judged.verdict in (*NAMING, "none-of-these")
 
 
 def is_better_with_geometry(again: Diagnosis, judged: Judged, freed: int) -> bool:
     """Return whether the diagnosis with unknown geometry replaces that with a drawing.
 
-    Of two complete explanations the one with fewer parameters is better, where a freed kind of geometry is one. A partial
-    explanation must predict hold-out recordings worse.
+    A partial explanation must predict hold-out recordings worse. Of two complete explanations that predict equally well, the
+    one with fewer parameters is better, where a freed kind of geometry is one.
 
     Parameters
     ----------
@@ -77,22 +110,35 @@ def is_better_with_geometry(again: Diagnosis, judged: Judged, freed: int) -> boo
         Whether the diagnosis replaces the judgement.
     """
     assert judged.tried is not None
-    if judged.verdict == "none-of-these":
-        return True
+    now, before = total(again.checked, "after"), total(judged.tried.checked, "after")
     if judged.verdict == "missing-physics":
         is_complete = again.verdict in ("missing-physics", "nothing-missing")
-        return is_complete and _count(again.findings) + freed < _count(judged.tried.findings)
+        is_simpler = _count(again.findings) + freed < _count(judged.tried.findings)
+        return is_complete and is_simpler and now <= GAP.no_worse * before
     is_answer = again.verdict in (*NAMING, "nothing-missing")
-    return is_answer and total(again.checked, "after") < total(judged.tried.checked, "after")
+    return now < before if is_answer else judged.verdict == again.verdict == "none-of-these" and now < before
+
+
+def unknown_geometry_note(kinds: Sequence[str]) -> str:
+    """Return the note on a search with unknown geometry.
+
+    Parameters
+    ----------
+    kinds : sequence of str
+        Kinds of geometry left to the recordings.
+
+    Returns
+    -------
+    str
+        Note.
+    """
+    each = " and ".join(kinds)
+    return (
+        f"the case states no uncertainty of {each}, and the recordings contradict the tolerance of a drawing: {each} of the "
+        "bodies follow from the recordings"
+    )
 
 
 def _count(findings: Sequence[Finding]) -> int:
-    """Return the number of parameters of findings."""
-    return sum(len(finding.parameters) for finding in findings)
-
-
-def _unstated_kinds(problem: Problem, stated: Case) -> dict[str, float]:
-    """Return the unstated kinds of geometry among a problem's parameters, with wide standard deviations."""
-    named = {name.rpartition(":")[2] for name in stated.table.model.uncertain}
-    free = {p.kind for p in problem.parameters}
-    return {kind: sd for kind, sd in GEOMETRY.unknown.items() if kind in free and kind not in named}
+    """Return the number of parameters of findings, at all their places."""
+    return sum(len(parameters) for finding in findings for _, parameters in finding.places)
