@@ -10,7 +10,7 @@ from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised
 from vlab.diagnose.search.selection import TimeFound
 from vlab.diagnose.search.stages import Judged
-from vlab.diagnose.settings import EVIDENCE, GAP, GEOMETRY, HYPOTHESIS_FITS, SAMPLING_CONVENTION
+from vlab.diagnose.settings import GAP, GEOMETRY, HYPOTHESIS_FITS, SAMPLING_CONVENTION
 from vlab.diagnose.validation.gap import total
 
 
@@ -40,8 +40,9 @@ def is_geometry_contradicted(
     """Return whether recordings along a motion contradict the tolerance of a drawing.
 
     Inertia and length are known to the tolerance of a drawing where a case states nothing. Models of real machines are
-    often sketches. The likelihood of the calibrated model shows a sketch: the gain of a wide prior exceeds the chance gain
-    of all parameters. Near rest, springs and masses stand for a wrong geometry.
+    often sketches. The likelihood of the calibrated model suggests a sketch: the gain of a wide prior exceeds the chance gain
+    of all parameters. Missing physics can have that gain, too, so hold-out recordings decide afterwards. Near rest, springs
+    and masses stand for a wrong geometry.
 
     Parameters
     ----------
@@ -63,8 +64,7 @@ def is_geometry_contradicted(
     before = found.before.long_fit
     left = before.cost / found.whole.n_values
     now = refiner.fit((), before, HYPOTHESIS_FITS.whole_iterations).cost / refiner.n_values
-    samples = min(found.whole.effective_samples, EVIDENCE.model_error_samples)
-    gain = 0.5 * samples * float(np.log(left / max(now, np.finfo(float).tiny)))
+    gain = 0.5 * found.whole.effective_samples * float(np.log(left / max(now, np.finfo(float).tiny)))
     return gain > SAMPLING_CONVENTION.gain
 
 
