@@ -227,15 +227,18 @@ class _Pass:
         report = self.report  # a repeated pass takes about as long as the first
         return replace(self, report=lambda share, what: report(0.5 + 0.5 * share, what), **changed)
 
+    def _with_note(self, note: str) -> str:
+        """Return the notes of this pass and of another one."""
+        return "; ".join(filter(None, [self.note, note]))
+
     def _with_unknown_geometry(self, searched: Searched, judged: Judged) -> Diagnosed | None:
-        """Return a better diagnosis of the case with unknown geometry, where the case states none."""
+        """Return a better diagnosis with unstated geometry left to the recordings."""
         kinds = unstated_geometry(searched.problem, self.whole_case)
         if self.deadline.is_past or not may_be_simpler(judged, len(kinds)):
             return None
         if not is_geometry_contradicted(searched.model_class, searched.found, kinds):
             return None
-        note = "; ".join(filter(None, [self.note, unknown_geometry_note(list(kinds))]))
-        case = self.whole_case.with_uncertain(kinds)
+        case, note = self.whole_case.with_uncertain(kinds), self._with_note(unknown_geometry_note(list(kinds)))
         again = self._repeated(whole_case=case, note=note, checked_file=searched.file).run()
         if not isinstance(again, Diagnosed) or self.deadline.is_past:  # a search cut short replaces none
             return None
@@ -272,7 +275,7 @@ class _Pass:
         self, searched: Searched, effects: Sequence[Effect], note: str
     ) -> tuple["_Pass", Searched, Judged | None]:
         """Return a search of other effects and its judgement."""
-        other = replace(self, effects=effects, note="; ".join(filter(None, [self.note, note])))
+        other = replace(self, effects=effects, note=self._with_note(note))
         if self.deadline.is_past:
             return other, searched, None
         found = searched.model_class.search(effects, lambda share, what: None, self.deadline)

@@ -319,7 +319,7 @@ def _leaves_less_than_half(checked: Sequence[Distance]) -> bool:
 
 
 def unproven_note(verdict: Verdict, checked: Sequence[Distance]) -> tuple[str, ...]:
-    """Return a note on an attempt whose success on hold-out recordings may be chance.
+    """Return a note on an attempt whose success may be chance.
 
     Parameters
     ----------
@@ -374,10 +374,11 @@ def is_partial_explanation(
     """
     families = {finding.family for finding in attempt.findings}
     is_held_out = all(c.role == "holdout" for c in attempt.checked)
-    has_mesh_error = model_kind is not None and model_kind.has_mesh_error
-    explains = (explains_most if has_mesh_error else explains_part)(attempt.checked)
-    if not has_mesh_error and model_kind is not None:
-        explains = explains or closes_gap(attempt.checked, model_kind=model_kind)
+    if model_kind is not None and model_kind.has_mesh_error:
+        explains = explains_most(attempt.checked)
+    else:
+        is_closed = model_kind is not None and closes_gap(attempt.checked, model_kind=model_kind)
+        explains = is_closed or explains_part(attempt.checked)
     return is_held_out and explains and choice.without(refuted).share_of(families) > 0.5
 
 

@@ -45,6 +45,11 @@ def geometry_parameters(plant: Plant, given: Mapping[str, float]) -> list[Uncert
     return out + centres_of_mass(plant.model, bodies, given)
 
 
+def stated_kinds(given: Mapping[str, float]) -> set[str]:
+    """Return the kinds that ``[model.uncertain]`` states, for all elements or one."""
+    return {name.rpartition(":")[2] for name in given}
+
+
 def geometry_about_rest(plant: Plant, given: Mapping[str, float], basis: Array) -> list[Uncertain]:
     """Return inertias and lengths for small motion about rest.
 
@@ -66,7 +71,7 @@ def geometry_about_rest(plant: Plant, given: Mapping[str, float], basis: Array) 
     list of Uncertain
         Parameters.
     """
-    stated = {name.rpartition(":")[2] for name in given}
+    stated = stated_kinds(given)
     hangs = bool(np.any(gravity_shares(plant, basis) > GEOMETRY.hanging))
     usual = MJCF_PRIORS.default_sd["stiffness"]
     sd = {kind: usual for kind in GEOMETRY.sd if hangs or kind in stated}

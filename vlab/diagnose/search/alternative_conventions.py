@@ -116,7 +116,7 @@ def choose_convention(
             continue
         costs = _costs(refiner, best)
         now, timeless = min(costs) / refiner.n_values, costs[-1] / refiner.n_values
-        is_likelier = of_clock and 0.5 * found.whole.effective_samples * np.log(left / now) > SAMPLING_CONVENTION.gain
+        is_likelier = of_clock and gains_more_than_chance(found, left, now)
         if now < least and (
             now < SAMPLING_CONVENTION.much_less * left
             or is_likelier
@@ -124,6 +124,25 @@ def choose_convention(
         ):
             chosen, least = other, now
     return chosen
+
+
+def gains_more_than_chance(found: TimeFound, left: float, now: float) -> bool:
+    """Return whether another case of the model is likelier than by chance.
+
+    Parameters
+    ----------
+    found : TimeFound
+        Result of the search.
+    left, now : float
+        Normalised mean squares of the case and of the other case, above 0.
+
+    Returns
+    -------
+    bool
+        Whether the log-likelihood gain exceeds the chance gain of all refitted directions.
+    """
+    gain = 0.5 * found.whole.effective_samples * float(np.log(left / now))
+    return gain > SAMPLING_CONVENTION.gain
 
 
 def _costs(refiner: LeastSquares, best: Fit) -> list[float]:

@@ -1,4 +1,4 @@
-"""Stages of a diagnosis from recordings: the search, and the judgement of its best hypothesis."""
+"""Stages of a diagnosis from recordings: search and judgement."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -6,11 +6,13 @@ import numpy as np
 
 from vlab.cases.case import Case
 from vlab.diagnose.diagnosis import NAMING, Diagnosis, Finding
+from vlab.diagnose.parameters.geometry import stated_kinds
 from vlab.diagnose.problem import Problem
+from vlab.diagnose.search.alternative_conventions import gains_more_than_chance
 from vlab.diagnose.search.model_class import LinearTimeInvariant, TrajectoryLinearised
 from vlab.diagnose.search.selection import TimeFound
 from vlab.diagnose.search.stages import Judged
-from vlab.diagnose.settings import GAP, GEOMETRY, HYPOTHESIS_FITS, SAMPLING_CONVENTION
+from vlab.diagnose.settings import GAP, GEOMETRY, HYPOTHESIS_FITS
 from vlab.diagnose.validation.gap import total
 
 
@@ -29,7 +31,7 @@ def unstated_geometry(problem: Problem, stated: Case) -> dict[str, float]:
     dict of str to float
         Standard deviations of a sketch by kind, of the kinds among the uncertain parameters.
     """
-    named = {name.rpartition(":")[2] for name in stated.table.model.uncertain}
+    named = stated_kinds(stated.table.model.uncertain)
     free = {p.kind for p in problem.parameters}
     return {kind: sd for kind, sd in GEOMETRY.unknown.items() if kind in free and kind not in named}
 
@@ -62,10 +64,8 @@ def is_geometry_contradicted(
         return False
     refiner = model_class.whole_runs_of(model_class.problem.case.with_uncertain(kinds), found.whole.model_error)
     before = found.before.long_fit
-    left = before.cost / found.whole.n_values
     now = refiner.fit((), before, HYPOTHESIS_FITS.whole_iterations).cost / refiner.n_values
-    gain = 0.5 * found.whole.effective_samples * float(np.log(left / max(now, np.finfo(float).tiny)))
-    return gain > SAMPLING_CONVENTION.gain
+    return gains_more_than_chance(found, before.cost / found.whole.n_values, max(now, np.finfo(float).tiny))
 
 
 def may_be_simpler(judged: Judged, freed: int) -> bool:
@@ -116,7 +116,7 @@ def is_better_with_geometry(again: Diagnosis, judged: Judged, freed: int) -> boo
         is_simpler = _count(again.findings) + freed < _count(judged.tried.findings)
         return is_complete and is_simpler and now <= GAP.no_worse * before
     is_answer = again.verdict in (*NAMING, "nothing-missing")
-    return now < before if is_answer else judged.verdict == again.verdict == "none-of-these" and now < before
+    return now < before and (is_answer or judged.verdict == again.verdict == "none-of-these")
 
 
 def unknown_geometry_note(kinds: Sequence[str]) -> str:
