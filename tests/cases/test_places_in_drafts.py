@@ -158,3 +158,34 @@ def test_the_only_vector_sensor_takes_a_column_along_its_moving_axis(tmp_path):
     np.savetxt(tmp_path / "log.csv", values, delimiter=",", header="t,Acceleration", comments="")
     draft = draft_case(str(tmp_path / "ruler.xml"), [tmp_path / "log.csv"], tmp_path)
     assert [(match.column, match.at) for match in draft.channels] == [("Acceleration", "adxl.z")]
+
+
+PENDULUM = """<mujoco model="cart"><option timestep="0.002"/><worldbody><body><joint name="slider" type="slide" axis="1 0 0"/>
+<geom size="0.05" mass="1"/><body><joint name="hinge" axis="0 1 0"/><geom size="0.02" pos="0 0 -0.4" mass="0.2"/>
+<site name="imu" pos="0 0 -0.3"/></body></body></worldbody><actuator><motor name="motor" joint="slider"/></actuator>
+<sensor><jointpos name="encoder" joint="hinge"/><gyro name="gyro" site="imu"/><accelerometer name="acc" site="imu"/></sensor>
+</mujoco>"""
+
+
+@pytest.mark.parametrize("unit", ["g", "m/s^2"])
+def test_units_and_gravity_place_columns_without_a_known_name(tmp_path, unit):
+    plant = plant_of(tmp_path, PENDULUM)
+    model = plant.model
+    data, rows = mujoco.MjData(model), []
+    for k in range(2000):
+        data.ctrl[0] = 2.0 * np.sin(0.01 * k)
+        mujoco.mj_step(model, data)
+        mujoco.mj_forward(model, data)
+        rows.append(
+            [data.time, data.ctrl[0], data.qpos[0] * 1e3, *np.degrees(data.sensordata[:4]), *data.sensordata[4:]]
+        )
+    table = np.array(rows)
+    table[:, -3:] /= 9.80665 if unit == "g" else 1.0
+    names = ["time", "current_A", "stage_mm", "pole_deg", *(f"{s}{a}" for s in ("gyro_", "acc_") for a in "xyz")]
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=",".join(names), comments="")
+    draft = draft_case(str(tmp_path / "model.xml"), [tmp_path / "log.csv"], tmp_path)
+    found = {m.label: (m.at, m.unit, m.is_place_sure) for m in draft.channels}
+    assert found["stage_mm"] == ("joint:slider", "mm", True)  # the only slide, as the simulation confirms
+    assert found["pole_deg"] == ("encoder", "deg", True)  # the only hinge
+    assert found["gyro_y"] == ("gyro.y", "deg/s", True)  # beside an angle in degrees
+    assert {found[f"acc_{axis}"][:2] for axis in "xyz"} == {(f"acc.{axis}", unit) for axis in "xyz"}

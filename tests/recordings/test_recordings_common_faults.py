@@ -1,15 +1,16 @@
 """Logs as people have them: stamps in two columns, footers, separators of thousands, ticks of a coarse clock."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from vlab.cases.draft.logs import choose_clock, open_log
 from vlab.errors import BadRecording
-from vlab.recordings.overview import kind_of
+from vlab.recordings.overview import kind_of, overview
 from vlab.recordings.stamp_pairs import parts_of
-from vlab.recordings.table import EVERY, open_table
+from vlab.recordings.table import EVERY, Table, open_table
 from vlab.recordings.ticks import even_in_ticks
 
 STAMPS_NS = 1_741_523_412 * 10**9 + 991_234_567 + 4_000_000 * np.arange(50)
@@ -128,3 +129,24 @@ def test_jitter_on_ticks_is_jitter():
     late = np.random.default_rng(0).integers(0, 3, 2000)
     assert even_in_ticks(4e-3 * (5 * np.arange(2000) + late)) is None
     assert even_in_ticks(np.round(np.arange(2000) / 300.0, 3)) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "kind"),
+    [
+        ("joint_1_angle_deg", "deg", "position"),
+        ("cart_pos_mm", "mm", "position"),
+        ("acc_m_s2", "m/s2", "acceleration"),
+        ("gyro_z_rad_per_s", "rad/s", "velocity"),
+        ("torque_N_m", "N m", "moment"),
+        ("accX_g", "g", "acceleration"),
+        ("arm_pos_A", "", "position"),  # a part A
+        ("mass_g", "", ""),
+        ("motor_pos_min", "", "position"),  # the least position
+        ("tool position [mm]", "mm", "position"),
+    ],
+)
+def test_a_unit_of_one_or_more_words_ends_a_name(name, unit, kind):
+    table = Table(path=Path("log.csv"), columns={name: np.arange(3.0)})
+    (column,) = overview(table)
+    assert (column.unit, column.kind) == (unit, kind)

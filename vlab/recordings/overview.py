@@ -4,6 +4,7 @@ Units come from the file, from a name or from the range of values. Guesses are n
 """
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,11 +33,11 @@ WORDS = {
     "force": ("force",),
     "current": ("current", "amp", "amps"),
     "voltage": ("voltage", "volt", "volts"),
-    "acceleration": ("acc", "accel", "acceleration", "qacc"),
-    "velocity": ("vel", "velocity", "speed", "qvel", "dq", "qd", "rpm", "omega"),
+    "acceleration": ("acc", "accel", "acceleration", "qacc", "accelerometer"),
+    "velocity": ("vel", "velocity", "speed", "qvel", "dq", "qd", "rpm", "omega", "gyro"),
     "position": (
         *("pos", "position", "qpos", "q", "angle", "state", "displacement", "x", "y", "z"),
-        *("ang", "theta", "angles", "positions"),
+        *("ang", "theta", "angles", "positions", "encoder", "enc"),
     ),
     "frequency": ("freq", "frequency", "f", "hz"),
     "load": ("load",),
@@ -56,6 +57,8 @@ UNIT_KINDS = {
     "rad": "position",
 }
 """UNIT_KINDS: quantity that a stated unit suggests, where the name suggests none."""
+COMPOUND = ("m/s", "m/s^2", "rad/s", "rad/s^2", "N m")
+"""COMPOUND: quantities whose unit may stand in several words of a name."""
 TURNING = ("rad", "deg", "rpm")
 """TURNING: units of turning that are names of columns as well."""
 TIMES = {
@@ -72,7 +75,8 @@ TIMES = {
 TURN = 2.0 * np.pi
 """TURN [rad]: largest angle of a joint that is read as radians; a larger number suggests degrees."""
 _SPLIT = re.compile(r"[^a-zA-Z]+|(?<=[a-z])(?=[A-Z])")
-_SUFFIX = re.compile(r"[_\s\[(]([A-Za-z][A-Za-z0-9/^*_]*)[\])]?\s*$")
+_BRACKETED = re.compile(r"[\[(]\s*([A-Za-z][A-Za-z0-9/^*_]*)\s*[\])]\s*$")
+_RATE = re.compile(r"(\w+?)_(?:per_)?(s2?|min)")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,16 +218,38 @@ def _unit_in_name(name: str) -> str:
     """Return the unit in a name, such as ``force_N`` or ``rpm``."""
     if name.lower() in TIMES:
         return TIMES[name.lower()]
-    match = _SUFFIX.search(name)
-    if match is None:
+    bracketed = _BRACKETED.search(name)
+    if bracketed is not None:
+        return bracketed[1] if units.same_dimension(bracketed[1], bracketed[1]) else ""
+    words = [word for word in re.split(r"[_\s]+", name) if word]
+    if len(words) < 2:
         return name.lower() if name.lower() in TURNING else ""
-    word = match[1]
-    is_bracketed = name.rstrip().endswith(("]", ")"))
+    return _compound_unit(words) or _unit_word(words[-1], _kind_by_words(name))
+
+
+def _compound_unit(words: Sequence[str]) -> str:
+    """Return the unit of several words at the end of a name, as in ``acc_m_s2``, ``gyro_rad_per_s``, ``tau_N_m``."""
+    for count in (3, 2):
+        end = "_".join(words[-count:])
+        rate = _RATE.fullmatch(end)
+        unit = f"{rate[1]}/{rate[2]}" if rate is not None else end.replace("_", " ")
+        if len(words) > count and any(units.same_dimension(unit, si) for si in COMPOUND):
+            return unit
+    return ""
+
+
+def _unit_word(word: str, quantity: str) -> str:
+    """Return the last word of a name if it is a unit.
+
+    A single letter may name a part, as in ``pos_A``: the unit must be one of the quantity that the other words suggest.
+    """
+    if len(word) == 1:
+        is_of_words = kind_of_unit(word) == quantity != "" or (word == "h" and quantity == "time")  # acc_g is no mass
+        is_usual = word in "NVAsm" and quantity not in UNIT_KINDS.values()
+        return word if is_of_words or is_usual else ""
     is_quantity = word.lower() in sum(WORDS.values(), ()) and word.lower() not in TURNING
-    is_hours = word == "h" and _kind_by_words(name) == "time"
-    if not is_bracketed and ((len(word) == 1 and word not in "NVAsm" and not is_hours) or is_quantity):
-        return ""
-    return word if units.same_dimension(word, word) else ""
+    is_least = quantity in UNIT_KINDS.values() and units.same_dimension(word, "s")  # pos_min is no time
+    return word if not (is_quantity or is_least) and units.same_dimension(word, word) else ""
 
 
 def _guess(kind: str, values: Array) -> str:

@@ -352,6 +352,7 @@ class _Matcher:
                 column, Suggestion(at=free[0], kind=column.kind, is_input=True), "the only actuator", is_sure=False
             )
         self._take_the_only_axis()
+        self._take_the_only_joints()
         place = self._only_output()
         if place is not None and all(m.is_input for m in self.candidates):
             for kind in ("position", "velocity", "acceleration"):
@@ -376,6 +377,19 @@ class _Matcher:
             found = Suggestion(at=vector.moving[0], kind=vector.kind, is_input=False)
             why = f"the only axis of the only sensor {in_line(vector.name)!r} along which the model moves"
             self._take(outputs[0], found, why, is_sure=False)
+
+    def _take_the_only_joints(self) -> None:
+        """Give the only hinge, or slide, without a column to the only column in a unit of its motion."""
+        shown = {_joint_at(self.plant, m.at) for m in self.candidates if not m.is_input}
+        model: Any = self.plant.model
+        free = [name for name in joints_of(self.plant) if int(model.joint(name).id) not in shown]
+        for si, kind, what in (("rad", "angle", "hinge"), ("m", "displacement", "slide")):
+            fitting = [name for name in free if self.plant.ports[f"joint:{name}"].unit == si]
+            columns = [c for c in self.unplaced if c.kind in ("position", "") and c.unit in units.WRITTEN[si]]
+            if len(fitting) == 1 and len(columns) == 1:
+                self.unplaced.remove(columns[0])
+                found = Suggestion(at=f"joint:{fitting[0]}", kind=kind, is_input=False)
+                self._take(columns[0], found, f"the only {what} without a column", is_sure=False)
 
     def _only_output(self) -> str | None:
         sensors, joints = [tap.name for tap in self.plant.sensors], joints_of(self.plant)

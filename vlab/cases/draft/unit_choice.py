@@ -19,6 +19,7 @@ from vlab.cases.checks.ranges import MARGIN, is_inside, limits_of
 from vlab.cases.description import ChannelTable, RecordingTable
 from vlab.cases.draft.logs import Log, LogClock
 from vlab.cases.draft.matching import Match, unit_of
+from vlab.cases.draft.vector_sensors import AXES, is_accelerometer
 from vlab.cases.simulate import simulate
 from vlab.errors import VlabError
 from vlab.plants.base import Plant
@@ -297,7 +298,9 @@ def _by_size(
         return "rad", f"values up to {largest:.4g} are less than a turn in rad"
     if si == "m":
         return _metres(log, clock, plant, matches, members, largest)
-    is_in_degrees = any(unit == "deg" for unit, _ in said.values())
+    if si == "m/s^2":
+        return _accelerations(log, plant, members)
+    is_in_degrees = any(unit == "deg" for unit, _ in said.values()) or any(m.stated == "deg" for m in matches)
     if si.startswith("rad/") and is_in_degrees:
         return si.replace("rad", "deg"), "the angles of the log are in degrees"
     return si, "the SI unit"
@@ -323,6 +326,21 @@ def _radians(
         ], f"{beyond}, and the motion in {fitting[0]} is {sizes[fitting[0]]:.2g} times that of the model"
     both = "rad and deg both fit" if fitting else "the model moves as far neither in rad nor in deg"
     return "rad", f"{beyond}, which the hinge may make; {both}, so state the unit"
+
+
+def _accelerations(log: Log, plant: Plant, members: Sequence[Match]) -> tuple[str, str]:
+    """Return m/s^2 or g by an accelerometer of three axes, which feels gravity."""
+    gravity = float(np.linalg.norm(plant.model.opt.gravity))
+    axes = {m.at: m for m in members}
+    for base in [at.removesuffix(".x") for at in axes if at.endswith(".x")]:
+        own = [axes.get(f"{base}.{axis}") for axis in AXES]
+        if gravity == 0.0 or None in own or not is_accelerometer(plant, base):
+            continue
+        size = float(np.sqrt(sum(np.mean(_values(log, m) ** 2) for m in own if m is not None)))
+        sizes = {unit: size * units.factor(unit, "m/s^2") / gravity for unit in CANDIDATES["m/s^2"]}
+        unit = min(sizes, key=lambda u: abs(np.log(max(sizes[u], np.finfo(float).tiny))))
+        return unit, f"in {unit}, the size of the three axes of {base!r} is {sizes[unit]:.2g} times gravity"
+    return "m/s^2", "the SI unit"
 
 
 def _metres(

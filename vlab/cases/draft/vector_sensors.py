@@ -83,6 +83,25 @@ def only_vector_sensor(plant: Plant) -> VectorSensor | None:
     return vector_sensor(plant, [bases.pop()], "") if len(bases) == 1 and "" not in bases else None
 
 
+def is_accelerometer(plant: Plant, name: str) -> bool:
+    """Return whether a sensor of three values feels gravity.
+
+    Parameters
+    ----------
+    plant : Plant
+        Model.
+    name : str
+        Name of the sensor in the MJCF model.
+
+    Returns
+    -------
+    bool
+        False for other sensors, and for places that are no sensor of the MJCF model.
+    """
+    number = mujoco.mj_name2id(plant.model, mujoco.mjtObj.mjOBJ_SENSOR, name)
+    return number >= 0 and int(plant.model.sensor_type[number]) == int(mujoco.mjtSensor.mjSENS_ACCELEROMETER)
+
+
 def _moving(plant: Plant, name: str) -> tuple[str, ...]:
     """Return the values of a sensor that differ between states of the model."""
     model, rng = plant.model, np.random.default_rng(0)
