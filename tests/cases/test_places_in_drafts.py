@@ -185,8 +185,8 @@ def test_units_and_gravity_place_columns_without_a_known_name(tmp_path, unit):
     names = ["time", "current_A", "stage_mm", "pole_deg", *(f"{s}{a}" for s in ("gyro_", "acc_") for a in "xyz")]
     np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=",".join(names), comments="")
     draft = draft_case(str(tmp_path / "model.xml"), [tmp_path / "log.csv"], tmp_path)
-    found = {m.label: (m.at, m.unit, m.is_place_sure) for m in draft.channels}
-    assert found["stage_mm"] == ("joint:slider", "mm", True)  # the only slide, as the simulation confirms
-    assert found["pole_deg"] == ("encoder", "deg", True)  # the only hinge
-    assert found["gyro_y"] == ("gyro.y", "deg/s", True)  # beside an angle in degrees
-    assert {found[f"acc_{axis}"][:2] for axis in "xyz"} == {(f"acc.{axis}", unit) for axis in "xyz"}
+    found = {m.label: (m.at, m.unit) for m in draft.channels}
+    assert found["stage_mm"] == ("joint:slider", "mm")  # the only slide
+    assert found["pole_deg"] == ("encoder", "deg")  # the only hinge
+    assert found["gyro_y"] == ("gyro.y", "deg/s")  # beside an angle in degrees
+    assert {found[f"acc_{axis}"] for axis in "xyz"} == {(f"acc.{axis}", unit) for axis in "xyz"}
