@@ -170,13 +170,17 @@ class ScoreTest:
         (rows, k) array
             Columns.
         """
-        shape = {p.name: candidate.values[p.name] for p in candidate.effect.shapes}
+        plan = self._plan_of(candidate)
         known = self._cache.columns.get(candidate.place.name)
-        columns = None if known is None else known.of(candidate.effect, shape)
+        columns = None if known is None else known.of(candidate.effect, plan)
         if columns is not None:
             return columns
-        plans = [(candidate.effect, shape)]
+        plans = [(candidate.effect, plan)]
         return np.concatenate([g.rows(self.effect_responses(g, candidate.place, plans)[0]) for g in self.groups])
+
+    def _plan_of(self, term: Term) -> Shape:
+        """Return the values on which a term's columns depend."""
+        return {p.name: term.values[p.name] for p in term.effect.shapes}
 
     def _group(self, runs: list[Signals]) -> Group:
         """Return runs of one sample period, filtered."""

@@ -12,11 +12,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vlab.diagnose.data.runs import Signals
+from vlab.diagnose.inference.limited_amplitudes import at_found_amplitudes
 from vlab.diagnose.inference.score_test import ScoreTest
 from vlab.diagnose.inference.screening_cache import ScreeningCache
 from vlab.diagnose.parameters.discrete import Discrete
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.parameters.mjcf import Uncertain
+from vlab.diagnose.parameters.terms import Candidate, Term
 from vlab.diagnose.predictors.error_growth import parts_within_growth
 from vlab.diagnose.predictors.held_commands import changed_in_parts, over_intervals, parts_of_interval
 from vlab.diagnose.predictors.innovations import Cause, Group
@@ -37,9 +39,10 @@ from vlab.diagnose.predictors.trajectory import (
     smoothed,
     smoothed_motions,
 )
-from vlab.diagnose.predictors.trajectory_data import with_signals
+from vlab.diagnose.predictors.trajectory_data import without_sensor_effects
 from vlab.diagnose.predictors.trajectory_lines import Lines, lines_along
 from vlab.diagnose.predictors.trajectory_problem import Trajectories
+from vlab.diagnose.predictors.unit_causes import Shape
 from vlab.diagnose.predictors.unit_effects import commands_changed, fast_series, forces_on_trajectory, unit_amplitudes
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.settings import KERNELS, TRAJECTORY_SCORE_TEST
@@ -258,7 +261,7 @@ class TrajectoryScoreTest(ScoreTest):
         lag = self.stepper.lags.get(actuator)
         return change if lag is None else lag.of_change(change, self.stack.h[: len(change), :, None])
 
-    def force_change(self, actuator: int, change: Array) -> Array:
+    def force_change(self, actuator: int, change: Array, sizes: Any = 1.0) -> Array:
         """Return the generalised forces of a command change, between the actuator's limits.
 
         Parameters
@@ -267,6 +270,8 @@ class TrajectoryScoreTest(ScoreTest):
             Index of the actuator.
         change : (n, n_runs, k) array
             Changes of the command.
+        sizes : float or (k,) array
+            Multiples of the changes whose forces, over the multiple, count.
 
         Returns
         -------
@@ -277,7 +282,7 @@ class TrajectoryScoreTest(ScoreTest):
         if not limited:
             return np.asarray(self.driven_force(actuator)[..., None] * self.acted(actuator, change)[..., None, :])
         parts = [
-            own.change(run.u[:, actuator], change[: len(run), i])
+            own.change(run.u[:, actuator], change[: len(run), i] * sizes) / sizes
             for i, (own, run) in enumerate(zip(limited, self.runs, strict=True))
         ]
         return pad_and_stack(parts)
@@ -368,8 +373,7 @@ class TrajectoryScoreTest(ScoreTest):
     def _velocities(self) -> tuple[Array, Array]:
         nv = self.reduced_model.m
         v = pad_and_stack([a.motion.v for a in self.systems])
-        later = np.minimum(np.arange(1, len(v) + 1), len(v) - 1)
-        return v + self.now_known[..., nv:], v[later] + self.next_known[..., nv:]
+        return v + self.now_known[..., nv:], np.concatenate([v[1:], v[-1:]]) + self.next_known[..., nv:]
 
     def motion(self, group: Group, place: Place) -> tuple[Array, Array]:
         """See `ScoreTest`."""
@@ -405,6 +409,20 @@ class TrajectoryScoreTest(ScoreTest):
             reading[..., cause.channel, start : start + cause.series.shape[-1]] = cause.series
         return self.through(group, None, reading), widths
 
+    def _at(self, place: Place, effects: Sequence[Effect]) -> list[Candidate]:
+        """See `ScoreTest`; behind the limits of an actuator, the columns are those of the found amplitude."""
+        found = super()._at(place, effects)
+        limited, others = ([c for c in found if self._depends_on_size(c) == own] for own in (True, False))
+        return others + at_found_amplitudes(limited, lambda plans: self._regressed(place, self._columns(place, plans)))
+
+    def _plan_of(self, term: Term) -> Shape:
+        """See `ScoreTest`; the columns of a limited actuator depend on the amplitude, too."""
+        return dict(term.values) if self._depends_on_size(term) else super()._plan_of(term)
+
+    def _depends_on_size(self, term: Term) -> bool:
+        is_amplitude = isinstance(term.effect, ActuatorEffect) and bool(term.effect.amplitudes)
+        return is_amplitude and any(self._limited_along(i) for i in term.place.indices)
+
     def parts_of(self, actuator: int, effect: ActuatorEffect) -> int:
         """Return the parts of an interval, each with a command, by `parts_of_interval`."""
         return parts_of_interval(self.moving.trajectories, self.stepper, actuator, effect)
@@ -415,11 +433,13 @@ class TrajectoryScoreTest(ScoreTest):
         """Return an actuator effect's forces and motion within the intervals."""
         total: Any = 0.0
         moves: Any = None
+        sizes = np.array([shape.get(p.name, 1.0) for p in effect.amplitudes] or [1.0])
+        sizes[sizes == 0.0] = np.sqrt(np.finfo(float).eps)  # the derivative
         for i in place.indices:
             parts, before = self.parts_of(i, effect), group.commands_before[:, i]
             follow = partial(commands_changed, effect, shape=shape, h=group.h / parts, before=before)
             each = changed_in_parts(follow, group.u[..., i], parts)
-            mean, moved = over_intervals(self.stack, [self.force_change(i, change) for change in each])
+            mean, moved = over_intervals(self.stack, [self.force_change(i, change, sizes) for change in each])
             total, moves = total + mean, moved if moves is None else moves + moved
         return total, moves
 
@@ -474,12 +494,7 @@ class TrajectoryScoreTest(ScoreTest):
         (n, n_runs, 2 nv) array
             Deviations.
         """
-        trajectories = []
-        for trajectory in self.moving.trajectories:
-            y, t = trajectory.y.copy(), trajectory.time
-            for effect, place, values in effects:
-                y[:, place.index] = effect.correct(y[:, place.index], values, float(np.median(trajectory.h)), t)
-            trajectories.append(with_signals(trajectory, y))
-        e = pad_and_stack([c.y - a.read for c, a in zip(trajectories, self.systems, strict=True)])
+        readings = [without_sensor_effects(trajectory, effects) for trajectory in self.moving.trajectories]
+        e = pad_and_stack([y - a.read for y, a in zip(readings, self.systems, strict=True)])
         left, predicted = innovations(self.stack, self.gains, e)
         return smoothed(self.stack, self.gains, left, predicted)

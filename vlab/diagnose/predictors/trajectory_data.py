@@ -1,7 +1,7 @@
 """Trajectory data of one run, and its first motion."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import make_smoothing_spline
@@ -14,10 +14,12 @@ from vlab.diagnose.data.noise import is_motion, known_noise, noise_level, uneven
 from vlab.diagnose.data.quality import is_informative, on_clock
 from vlab.diagnose.data.recorded_inputs import recorded_inputs
 from vlab.diagnose.data.runs import liveliest, on_grid
+from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.predictors.actuator_states import actuator_states
 from vlab.diagnose.predictors.step_jacobian import Stepper
 from vlab.diagnose.settings import TRAJECTORY_DATA
 from vlab.errors import Diverged
+from vlab.physics.effect import SensorEffect
 from vlab.signals import Array, sample_period
 
 
@@ -333,6 +335,24 @@ def sampled(L: Array, M: Array, h: Array | float) -> tuple[Array, Array]:
     return whole[..., :s, :s], whole[..., :s, s:]
 
 
-def with_signals(trajectory: TrajectoryData, y: Array) -> TrajectoryData:
-    """Return trajectory data with other channels, for removed sensor effects."""
-    return replace(trajectory, y=y)
+def without_sensor_effects(
+    trajectory: TrajectoryData, effects: Sequence[tuple[SensorEffect, Place, dict[str, float]]]
+) -> Array:
+    """Return the channels of a run without sensor effects.
+
+    Parameters
+    ----------
+    trajectory : TrajectoryData
+        Run.
+    effects : sequence of (SensorEffect, Place, dict)
+        Sensor effects with their places and values.
+
+    Returns
+    -------
+    (n, p) array
+        Channels [SI].
+    """
+    y, h = trajectory.y.copy(), float(np.median(trajectory.h))
+    for effect, place, values in effects:
+        y[:, place.index] = effect.correct(y[:, place.index], values, h, trajectory.time)
+    return y

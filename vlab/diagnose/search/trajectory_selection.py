@@ -22,7 +22,7 @@ from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquare
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.inference.whole_run_fits import changed_alike, fitted_on_both, on_whole_runs
-from vlab.diagnose.parameters.terms import Candidate
+from vlab.diagnose.parameters.terms import Candidate, Fit
 from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
 from vlab.diagnose.search.forward_selection import ForwardSelection, in_all_joints
 from vlab.diagnose.search.selection import TimeFound, shows
@@ -84,7 +84,7 @@ def search_moving(
         hypotheses = by_score(hypotheses, finished(narrow, everywhere))
     if _leave_much(hypotheses) and not deadline.is_past:
         report(0.65, "fitting pairs of effects")
-        pairs = _pairs(screen, narrow, shortlist, candidates, singles, effects)
+        pairs = _pairs(screen, narrow, shortlist, candidates, singles, effects, before.fit)
         hypotheses = by_score(hypotheses, finished(narrow, pairs))
     report(0.85, "fitting whole recordings")
     if hypotheses:  # again about the best hypothesis' calibrated plant, where the uncertain parameters change little
@@ -251,20 +251,35 @@ def _pairs(
     candidates: Sequence[Candidate],
     singles: Sequence[Hypothesis],
     effects: Sequence[Effect],
+    start: Fit,
 ) -> list[Hypothesis]:
-    """Return fits of second effects with the best single ones."""
+    """Return fits of second effects with the best single ones.
+
+    The first effect of the best pair may stand in for another one that shows beside the second only. The second alone is
+    therefore a seed, too, as in sequential replacement (Miller, Selection of subsets of regression variables, J. R. Stat.
+    Soc. A 147 (1984) 389-425).
+    """
     by_label = {c.label: c for c in shortlist}
     of_family: dict[str, Hypothesis] = {}  # forms of one law, as of friction, lead to the same pairs
     for h in singles:
         of_family.setdefault(h.terms[0].effect.family, h)
     seeds = list(of_family.values())[: SECOND_EFFECT.seeds]
+
+    def beside(first: Candidate) -> list[Candidate]:
+        table = screen.given([first]).candidates(effects)
+        others = [c for c in table if c.effect.name != first.effect.name]  # one effect at two places is misplaced
+        return [
+            c for c in best_of_effects(others)[: SECOND_EFFECT.seconds] if c.log_likelihood_gain > SHORTLIST.least_gain
+        ]
+
     found = {frozenset((s.label, c.label)): (s, c) for s in seeds for c in completing(s.terms[0], candidates)}
     for seed in seeds:
-        table = screen.given([by_label[seed.label]]).candidates(effects)
-        others = [
-            c for c in table if c.effect.name != seed.terms[0].effect.name
-        ]  # equal effects at two places are one misplaced effect
-        for second in best_of_effects(others)[: SECOND_EFFECT.seconds]:
-            if second.log_likelihood_gain > SHORTLIST.least_gain:
-                found.setdefault(frozenset((seed.label, second.label)), (seed, second))
-    return pairs_fitted(refiner, list(found.values()))
+        for second in beside(by_label[seed.label]):
+            found.setdefault(frozenset((seed.label, second.label)), (seed, second))
+    fits = pairs_fitted(refiner, list(found.values()))
+    if not fits or not _leave_much(fits):
+        return fits
+    second = min(zip(fits, found.values(), strict=True), key=lambda pair: -pair[0].score)[1][1]
+    (alone,) = each_fitted(refiner, [second], start)
+    replaced = {frozenset((second.label, c.label)): (alone, c) for c in beside(second)}
+    return fits + pairs_fitted(refiner, [pair for labels, pair in replaced.items() if labels not in found])
