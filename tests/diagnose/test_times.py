@@ -96,8 +96,8 @@ def test_some_trial_step_rounds_like_any_true_step(command):
     errors = [error(step) for step in trials]
     for step in np.geomspace(0.011, 0.9, 40):
         true = error(step)
-        # an eighth of a cycle off at the largest command, where a sine dwells
-        assert max(np.corrcoef(true, e)[0, 1] for e in errors) > 0.4
+        # half the spacing off at the largest command, where a sine dwells
+        assert max(np.corrcoef(true, e)[0, 1] for e in errors) > 0.7
 
 
 def test_a_scan_keeps_the_largest_peaks_and_few_columns():

@@ -265,20 +265,20 @@ class _Pass:
         tables = _sought(last_resort(self.effects), self.at)
         if tables and searched.holdout.is_new:  # the table is verified on another motion
             self.report(0.95, "fitting a tabulated force")
-            last, ours, again = self._other(searched, tables, UNKNOWN_LAW)
+            last, ours, again = self._other(searched, tables, UNKNOWN_LAW, is_single=True)
             tried = None if again is None else again.tried
             if again and tried and again.choice.gained > 0.0 and is_better_table(tried, attempt):
                 return last._diagnosed(ours, replace(again, verdict="unknown-law"))
         return None
 
     def _other(
-        self, searched: Searched, effects: Sequence[Effect], note: str
+        self, searched: Searched, effects: Sequence[Effect], note: str, *, is_single: bool = False
     ) -> tuple["_Pass", Searched, Judged | None]:
         """Return a search of other effects and its judgement."""
         other = replace(self, effects=effects, note=self._with_note(note))
         if self.deadline.is_past:
             return other, searched, None
-        found = searched.model_class.search(effects, lambda share, what: None, self.deadline)
+        found = searched.model_class.search(effects, lambda share, what: None, self.deadline, is_single=is_single)
         ours = replace(searched, found=found)
         again = other._judge(ours, other._confirm(ours))
         return other, ours, again if isinstance(again, Judged) and again.verdict in NAMING else None

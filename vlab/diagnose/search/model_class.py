@@ -45,9 +45,11 @@ class LinearTimeInvariant:
         """Inverse problem of the search."""
         return self.screen.problem
 
-    def search(self, effects: Sequence[Effect], report: Report, deadline: Deadline = NO_DEADLINE) -> TimeFound:
+    def search(
+        self, effects: Sequence[Effect], report: Report, deadline: Deadline = NO_DEADLINE, *, is_single: bool = False
+    ) -> TimeFound:
         """Search the missing physics, by `vlab.diagnose.search.selection.search`."""
-        return search(self.screen, effects, report, deadline)
+        return search(self.screen, effects, report, deadline, is_single=is_single)
 
     def whole_runs_of(self, case: Case, model_error: float) -> LeastSquares | None:
         """Return the whole-run fits of a case with another convention.
@@ -83,9 +85,11 @@ class TrajectoryLinearised:
         """Inverse problem of the search."""
         return self.screen.problem
 
-    def search(self, effects: Sequence[Effect], report: Report, deadline: Deadline = NO_DEADLINE) -> TimeFound:
+    def search(
+        self, effects: Sequence[Effect], report: Report, deadline: Deadline = NO_DEADLINE, *, is_single: bool = False
+    ) -> TimeFound:
         """Search the missing physics along the motion."""
-        return search_moving(self.screen, effects, report, deadline)
+        return search_moving(self.screen, effects, report, deadline, is_single=is_single)
 
     def whole_runs_of(self, case: Case, model_error: float) -> LeastSquares:
         """Return the whole-run fits of a case with another convention.

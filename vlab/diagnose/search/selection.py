@@ -75,6 +75,8 @@ def search(
     effects: Sequence[Effect],
     progress: Callable[[float, str], None] | None = None,
     deadline: Deadline = NO_DEADLINE,
+    *,
+    is_single: bool = False,
 ) -> TimeFound:
     """Search the missing physics in a screening's runs.
 
@@ -88,6 +90,8 @@ def search(
         Receives the completed share and the current step.
     deadline : Deadline
         End of the time for further effects.
+    is_single : bool
+        Whether hypotheses have one effect only.
 
     Returns
     -------
@@ -116,7 +120,7 @@ def search(
     is_odd = bool(singles) and violate_priors(
         singles, whole.directions.shape[1], whole.reduced_model.prior, problem.may_vanish
     )
-    if singles and not deadline.is_past and (is_odd or demands_another_effect(before, singles, enough)):
+    if singles and not (is_single or deadline.is_past) and (is_odd or demands_another_effect(before, singles, enough)):
         hypotheses = steps.with_pairs(shortlist, singles, is_odd=is_odd)
     report(0.9, "adding effects")
     least = max(enough, HYPOTHESIS_FITS.enough)
@@ -124,7 +128,7 @@ def search(
         before=before, windows=narrow, whole=whole, candidates=candidates, enough=least, deadline=deadline,
         report=partial(report, 0.9),
     )  # fmt: skip
-    hypotheses = as_meant(whole, selection.extend(hypotheses))
+    hypotheses = as_meant(whole, list(hypotheses) if is_single else selection.extend(hypotheses))
     shares = (whole.noise_share, whole.error_share, whole.effective_samples, whole.integration_share)
     before, *hypotheses = weighed([before, *hypotheses], *shares)
     before, *hypotheses = with_tolerances(whole, before, hypotheses, enough, selection.fitted)

@@ -37,6 +37,8 @@ def search_moving(
     effects: Sequence[Effect],
     report: Callable[[float, str], None],
     deadline: Deadline = NO_DEADLINE,
+    *,
+    is_single: bool = False,
 ) -> TimeFound:
     """Search the missing physics along the motion.
 
@@ -52,6 +54,8 @@ def search_moving(
         Receives the completed share and the current step.
     deadline : Deadline
         End of the time for further effects.
+    is_single : bool
+        Whether hypotheses have one effect only.
 
     Returns
     -------
@@ -71,18 +75,18 @@ def search_moving(
     candidates = screen.candidates(effects)
     narrow, whole = TrajectoryLeastSquares(screen), TrajectoryLeastSquares(screen, whole=True)
     before = scored_by(narrow, narrow.fit((), start))
-    shortlist = shortlisted(candidates)
+    shortlist = side_by_side(screen.zoomed, shortlisted(candidates))
     if before.normalised_residual > HYPOTHESIS_FITS.enough:
         report(0.45, "screening with a slower observer")
         shortlist += _seen_by_slow_observer(screen, effects, shortlist)
     screen.forget()
     report(0.5, "fitting single effects")
     hypotheses = singles = finished(narrow, each_fitted(narrow, shortlist, before.fit))
-    if _leave_much(hypotheses) and not deadline.is_past:
+    if _leave_much(hypotheses) and not (is_single or deadline.is_past):
         report(0.6, "fitting laws in all joints")
         everywhere = in_all_joints(candidates, lambda terms, start: fitted(narrow, terms, start), before.fit)
         hypotheses = by_score(hypotheses, finished(narrow, everywhere))
-    if _leave_much(hypotheses) and not deadline.is_past:
+    if _leave_much(hypotheses) and not (is_single or deadline.is_past):
         report(0.65, "fitting pairs of effects")
         pairs = _pairs(screen, narrow, shortlist, candidates, singles, effects, before.fit)
         hypotheses = by_score(hypotheses, finished(narrow, pairs))
@@ -104,7 +108,7 @@ def search_moving(
         before=before, windows=windows, whole=whole, candidates=candidates, enough=enough, deadline=deadline,
         report=partial(report, 0.9),
     )  # fmt: skip
-    hypotheses = selection.extend(hypotheses)
+    hypotheses = hypotheses if is_single else selection.extend(hypotheses)
     places = other_places(narrow, hypotheses[0], candidates, before.fit) if hypotheses else {}
     return TimeFound(
         problem=problem,
@@ -235,8 +239,9 @@ def _seen_by_slow_observer(
 ) -> list[Candidate]:
     """Return the further candidates that a slow observer shortlists."""
     known = {c.label for c in shortlist}
-    slow = shortlisted(screen.trusting(SCORE_TEST.slow).candidates(effects))[: SELECTION.slow_shortlist]
-    return [c for c in slow if c.label not in known]
+    slower = screen.trusting(SCORE_TEST.slow)
+    slow = shortlisted(slower.candidates(effects))[: SELECTION.slow_shortlist]
+    return side_by_side(slower.zoomed, [c for c in slow if c.label not in known])
 
 
 def _leave_much(hypotheses: Sequence[Hypothesis]) -> bool:
