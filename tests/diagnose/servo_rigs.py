@@ -36,10 +36,12 @@ class Drive:
     """Share of the torque that rubs in the gear."""
     integral: float = 0.0
     """Integral gain [N m/(rad s)]."""
+    scale: float = 1.0
+    """Factor on the command."""
 
     def force(self, command: float, q: float, v: float, total: float = 0.0) -> float:
         """Return the torque [N m] at an angle, a rate and an integral of the error."""
-        error = command - q
+        error = self.scale * command - q
         beyond = error - min(max(error, -self.dead), self.dead)
         forward, backward = self.limit * (1 - v / self.no_load), self.limit * (1 + v / self.no_load)
         torque = min(max(self.gain * beyond + self.integral * total - self.damping * v, -backward), forward)
