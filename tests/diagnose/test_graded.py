@@ -22,6 +22,7 @@ from vlab.diagnose.parameters.terms import Candidate, Term
 from vlab.diagnose.pipeline import diagnose
 from vlab.diagnose.search.forward_selection import further_effects, in_all_joints, laws_in_all_joints
 from vlab.diagnose.search.shortlist import rivals_of
+from vlab.diagnose.settings import EVIDENCE
 from vlab.diagnose.validation.gap import block_log_ratios, explained_share, predicts_better
 from vlab.diagnose.validation.horizon import is_predicted, parts_of
 from vlab.diagnose.validation.simulation import ExtendedModel, check
@@ -123,8 +124,19 @@ def test_a_partial_explanation_needs_the_larger_part_of_the_posterior_in_its_fam
     attempt = replace(attempt, findings=(replace(attempt.findings[0], family=family),))
     assert is_partial_explanation(attempt, choice(coulomb_friction=0.5, added_mass=0.3))
     assert not is_partial_explanation(attempt, choice(coulomb_friction=0.3, added_mass=0.5))
-    heavier = {frozenset({"added-mass@joint:a"})}  # what hold-out data refute has no share
-    assert is_partial_explanation(attempt, choice(coulomb_friction=0.3, added_mass=0.5), refuted=heavier)
+    for error in (np.inf, 0.22):  # what hold-out data refute has no share, and a worse prediction has a smaller one
+        errors = {frozenset({"added-mass@joint:a"}): error, frozenset({"coulomb-friction@joint:a"}): 0.2}
+        assert is_partial_explanation(attempt, choice(coulomb_friction=0.3, added_mass=0.5), errors=errors)
+
+
+def test_holdout_data_weigh_the_hypotheses_by_their_likelihood():
+    of = choice(coulomb_friction=0.3, added_mass=0.5, stop=0.1)
+    friction, mass, stop = (frozenset({f"{name}@joint:a"}) for name in ("coulomb-friction", "added-mass", "stop"))
+    samples = EVIDENCE.model_error_samples
+    after = of.given_predictions({friction: 0.2, mass: 0.2 * 2.0 ** (1.0 / samples)})
+    assert [p for _, p in after.tried] == pytest.approx([0.3, 0.25, 0.1])  # the last one was not tried
+    assert [p for _, p in of.given_predictions({friction: 0.2, stop: np.inf}).tried] == pytest.approx([0.3, 0.5, 0.0])
+    assert [p for _, p in of.given_predictions({}).tried] == [0.3, 0.5, 0.1]
 
 
 @pytest.mark.parametrize(("after", "stands"), [(0.32, False), (0.28, True)])
@@ -207,7 +219,9 @@ def test_the_unexplained_share_bounds_the_probability():
     both = graded(found, choice(coulomb_friction=0.9, stop=0.1), 0.6, fitted=fitted)
     assert [f.probability for f in both] == pytest.approx([0.54, 0.27])
     # once hypotheses are refuted, the reserve for other physics weighs more
-    left = choice(coulomb_friction=0.04, added_mass=0.92).without([frozenset({"added-mass@joint:a"})])
+    left = choice(coulomb_friction=0.04, added_mass=0.92).given_predictions(
+        {frozenset({"added-mass@joint:a"}): np.inf, frozenset({"coulomb-friction@joint:a"}): 0.2}
+    )
     assert graded([finding("coulomb-friction")], left, 0.6)[0].probability == pytest.approx(0.3)
     (of_data,) = graded([replace(finding("sensor-clipping"), probability=0.99)], choice(coulomb_friction=0.9), 0.6)
     assert of_data.probability == pytest.approx(0.6 * 0.99)  # read off the data, without rivals in the search

@@ -382,11 +382,11 @@ class _Pass:
         others = [h for h in searched.found.hypotheses if h.label != judged.choice.best.label]
         others.sort(key=lambda h: -shares.get(h.label, 0.0))  # then by score
         model_kind = searched.problem.model_kind
-        refuted: set[frozenset[str]] = set()
-        is_partial = partial(is_partial_explanation, choice=judged.choice, refuted=refuted, model_kind=model_kind)
+        errors: dict[frozenset[str], float] = {}
+        is_partial = partial(is_partial_explanation, choice=judged.choice, errors=errors, model_kind=model_kind)
         attempt_of = partial(trials.of_hypothesis, effects=self.effects)
         attempts = further_attempts(judged.tried, others, attempt_of)
-        attempt = best_attempt(judged.tried, attempts, is_partial, refuted)
+        attempt = best_attempt(judged.tried, attempts, is_partial, errors)
         if attempt is None or not is_partial(attempt):
             if attempt is not None and attempt.is_of_the_fit_alone:
                 fitted = trials.on_fitted(attempt.fit, attempt.findings)
@@ -399,13 +399,12 @@ class _Pass:
         attempt = trials.probable(attempt, judged.choice, searched.found.whole.fit, terms_of, is_partial)
         after = judged.seen.on(extended(searched.problem, attempt.fit))
         after = after if trials.change is None else trials.change(after)
-        judged = replace(judged, refuted=frozenset(refuted))
-        return replace(judged, verdict="partly-explained", tried=attempt, fit=attempt.fit, after=after)
+        return replace(judged, errors=errors, verdict="partly-explained", tried=attempt, fit=attempt.fit, after=after)
 
     def _diagnosed(self, searched: Searched, judged: Judged) -> Diagnosed:
         """Return the diagnosis with its models."""
         assert judged.tried is not None
-        problem, verdict, choice = searched.problem, judged.verdict, judged.choice.without(judged.refuted)
+        problem, verdict, choice = searched.problem, judged.verdict, judged.choice.given_predictions(judged.errors)
         checked, after, fit = list(judged.tried.checked), judged.after, judged.fit
         findings: Sequence[Finding] = ()
         is_aliased = choice.is_prior_driven and not has_plausible_parameters(judged.confirmed.before)

@@ -1,6 +1,6 @@
 """Verdict of a diagnosis from errors on hold-out recordings."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -347,7 +347,7 @@ def is_partial_explanation(
     attempt: Attempt,
     choice: Choice,
     *,
-    refuted: Collection[frozenset[str]] = frozenset(),
+    errors: Mapping[frozenset[str], float] | None = None,
     model_kind: ModelKind | None = None,
 ) -> bool:
     """Return whether an attempt is a partial explanation.
@@ -361,8 +361,8 @@ def is_partial_explanation(
         Attempt with errors on hold-out data.
     choice : Choice
         Choice with its ranking.
-    refuted : collection of frozenset of str
-        Labels of hypotheses that hold-out data refute.
+    errors : mapping of frozenset of str to float or None
+        Errors on hold-out data, by the labels of each tried hypothesis.
     model_kind : ModelKind or None
         Kind of the nominal model of recordings in time. Effects that close their gap need no further proof, except beside
         mesh error, which effects absorb.
@@ -379,7 +379,7 @@ def is_partial_explanation(
     else:
         is_closed = model_kind is not None and closes_gap(attempt.checked, model_kind=model_kind)
         explains = is_closed or explains_part(attempt.checked)
-    return is_held_out and explains and choice.without(refuted).share_of(families) > 0.5
+    return is_held_out and explains and choice.given_predictions(errors or {}).share_of(families) > 0.5
 
 
 def _is_like_mesh_error(choice: Choice) -> bool:

@@ -8,7 +8,7 @@ from scipy import stats
 
 from vlab.diagnose.inference.evidence import Found, Hypothesis
 from vlab.diagnose.parameters.terms import Fit
-from vlab.diagnose.settings import INTERFERENCE, MODEL_CHOICE, VERDICT
+from vlab.diagnose.settings import EVIDENCE, INTERFERENCE, MODEL_CHOICE, VERDICT
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,29 +68,35 @@ class Choice:
         shares = [(p, any(t.effect.family in families for t in h.terms)) for h, p in self.tried if h.terms]
         return sum(p for p, is_own in shares if is_own) / max(sum(p for p, _ in shares), 1e-300)
 
-    def without(self, refuted: Collection[frozenset[str]]) -> "Choice":
-        """Return the choice after hold-out data refuted hypotheses.
+    def given_predictions(self, errors: Mapping[frozenset[str], float]) -> "Choice":
+        """Return the choice after the prediction of hold-out data.
+
+        Hold-out data weigh the hypotheses by their likelihood, at the effective sample size of model error. A hypothesis that
+        was not tried on them counts as the best one that was.
 
         Parameters
         ----------
-        refuted : collection of frozenset of str
-            Labels of the effects of each refuted hypothesis.
+        errors : mapping of frozenset of str to float
+            Relative error on hold-out data by the labels of each tried hypothesis; infinite where the data refute it.
 
         Returns
         -------
         Choice
-            Choice in which refuted hypotheses have no probability, and are not indistinguishable.
+            Choice in which refuted hypotheses have no probability, and worse ones are not indistinguishable.
         """
+        tried = [error for error in errors.values() if np.isfinite(error)]
+        least = max(min(tried, default=1.0), float(np.finfo(float).tiny))
 
-        def is_left(h: Hypothesis) -> bool:
-            return frozenset(t.label for t in h.terms) not in refuted
+        def weight(h: Hypothesis) -> float:
+            error = errors.get(frozenset(t.label for t in h.terms), least)
+            return float((least / max(error, least)) ** EVIDENCE.model_error_samples)  # 0 if refuted
 
         return replace(
             self,
-            alike=tuple(h for h in self.alike if is_left(h)),
-            probability=self.probability if is_left(self.best) else 0.0,
-            ranking=tuple((h, p if is_left(h) else 0.0) for h, p in self.ranking),
-            reserve=MODEL_CHOICE.lapse if refuted else self.reserve,
+            alike=tuple(h for h in self.alike if weight(h) > np.exp(-MODEL_CHOICE.alike)),
+            probability=self.probability * weight(self.best),
+            ranking=tuple((h, p * weight(h)) for h, p in self.ranking),
+            reserve=MODEL_CHOICE.lapse if max(errors.values(), default=least) > least else self.reserve,
         )
 
 

@@ -78,8 +78,7 @@ def scan_values(parameter: Parameter, scales: Scales) -> Array:
         return counts[counts >= 2] * scales.step
     if parameter.scan == "step":
         # a rounding error is a periodic function of command over step: evenly spaced inverse steps shift it evenly
-        spacing = sawtooth_spacing()
-        return scales.largest / np.arange(TRIAL_SCAN.most * TRIAL_SCAN.cycle, 1.0 - spacing, -spacing)
+        return scales.largest / (TRIAL_SCAN.cycle * np.arange(TRIAL_SCAN.most, 1.0 / TRIAL_SCAN.cycle - 1.0, -1))
     if parameter.scan == "pitch":
         # the phase is free, so half the spacing shifts the force by an eighth of a period at both ends; the force on a
         # shaft that turns has a whole number of periods in a revolution, which the spacing meets
@@ -99,19 +98,33 @@ def scan_values(parameter: Parameter, scales: Scales) -> Array:
     return np.zeros(0)
 
 
-def sawtooth_spacing() -> float:
-    """Return the spacing of trial steps in cycles of the rounding error.
+def between_values(parameter: Parameter, values: Sequence[float], scales: Scales) -> Array:
+    """Return trial values about the best ones of a scan, at which no narrow peak is missed.
 
     A rounding error is a sawtooth, whose correlation 1 - 6 s (1 - s) at a shift of s cycles falls faster than a cosine's.
-    At half the spacing it is that of a cosine at half of `TRIAL_SCAN.cycle`.
+    Between the values of a scan it may be far below, so steps are refined until it is no less.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        Parameter with `scan`.
+    values : sequence of float
+        Best values of the scan.
+    scales : Scales
+        Scales of the recordings.
 
     Returns
     -------
-    float
-        Spacing [cycles].
+    (n,) array
+        Values in ascending order [SI]; `values` themselves for other scans than those of steps.
     """
-    kept = np.cos(np.pi * TRIAL_SCAN.cycle)
-    return float(1.0 - np.sqrt(1.0 - 2.0 / 3.0 * (1.0 - kept)))
+    if parameter.scan != "step" or not values:
+        return np.array(values)
+    kept = np.cos(np.pi * TRIAL_SCAN.cycle)  # correlation of a cosine at half the spacing
+    spacing = 1.0 - np.sqrt(1.0 - 2.0 / 3.0 * (1.0 - kept))
+    half = int(np.ceil(0.5 * TRIAL_SCAN.cycle / spacing))
+    inverse = scales.largest / np.array(values)
+    return np.unique(scales.largest / (inverse[:, None] + spacing * np.arange(-half, half + 1)))
 
 
 def best_values(values: Array, gains: Callable[[Sequence[float]], Sequence[float]]) -> list[float]:

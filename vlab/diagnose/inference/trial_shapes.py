@@ -9,7 +9,7 @@ import numpy as np
 from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.inference.reference_scales import Motion, reference_quantity
 from vlab.diagnose.inference.residual_tones import Tones
-from vlab.diagnose.inference.trial_scan import Scales, best_values, scan_values
+from vlab.diagnose.inference.trial_scan import Scales, best_values, between_values, scan_values
 from vlab.diagnose.parameters.locations import Place
 from vlab.diagnose.predictors.innovations import Group
 from vlab.diagnose.predictors.unit_causes import Shape
@@ -87,7 +87,10 @@ class TrialShapes:
             def gains(values: Sequence[float]) -> list[float]:
                 return self.gains(place, effect, [{**others, parameter.name: value} for value in values])
 
-            self.scans[key] = best_values(scan_values(parameter, self._scales(place)), gains)
+            scales = self._scales(place)
+            coarse = best_values(scan_values(parameter, scales), gains)
+            finer = between_values(parameter, coarse, scales)
+            self.scans[key] = coarse if len(finer) == len(coarse) else best_values(finer, gains)
         return self.scans[key]
 
     def _scales(self, place: Place) -> Scales:

@@ -270,7 +270,7 @@ def best_attempt(
     first: Attempt,
     others: Iterable[Attempt],
     is_partial: Callable[[Attempt], bool] | None = None,
-    refuted: set[frozenset[str]] | None = None,
+    errors: dict[frozenset[str], float] | None = None,
 ) -> Attempt | None:
     """Return the attempt that explains most, or else a part.
 
@@ -284,8 +284,9 @@ def best_attempt(
         Lazily evaluated attempts with other hypotheses, best first.
     is_partial : callable or None
         Whether an attempt may be reported as a partial explanation; `explains_part` by default.
-    refuted : set of frozenset of str, optional
-        Extended by the labels of every attempt that hold-out data refute, before the next attempt is judged.
+    errors : dict of frozenset of str to float, optional
+        Extended by the hold-out error of every attempt, before the next attempt is judged: by the labels of its hypothesis,
+        and infinite where the data refute it.
 
     Returns
     -------
@@ -293,17 +294,18 @@ def best_attempt(
         Best attempt; None where all diverge.
     """
     is_partial = is_partial or (lambda attempt: explains_part(attempt.checked))
-    refuted = set() if refuted is None else refuted
+    errors = {} if errors is None else errors
     tried: list[Attempt] = []
     left = ATTEMPT.most_attempts + 1
     for attempt in chain([first] if first.findings else [], islice(others, left + MODEL_CHOICE.ranked)):
         is_out = _is_refuted(attempt)
-        refuted |= {attempt.hypothesis or _labels(attempt.fit.terms)} if is_out else set()
+        error = np.inf if is_out else total(verifying(attempt.checked), "after")
+        errors[attempt.hypothesis or _labels(attempt.fit.terms)] = error
         tried.append(attempt)
         left -= not is_out
         if left == 0 or (is_partial(attempt) and explains_most(attempt.checked)):
             break
-    parts = [attempt for attempt in tried if is_partial(attempt)]  # more is refuted now
+    parts = [attempt for attempt in tried if is_partial(attempt)]  # more is known now
     most = [attempt for attempt in parts if explains_most(attempt.checked)]
     return next(chain(most, parts, (attempt for attempt in tried if attempt.holds)), None)
 

@@ -1,7 +1,7 @@
 """Stages of a diagnosis from recordings: search and judgement."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from vlab.cases.channel_map import Run
 from vlab.cases.checks import FileCheck
@@ -53,7 +53,7 @@ class Judged:
     verdict: Verdict = "none-of-these"
     tried: Attempt | None = None
     attempt: Attempt | None = None
-    refuted: frozenset[frozenset[str]] = frozenset()
+    errors: Mapping[frozenset[str], float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     @property

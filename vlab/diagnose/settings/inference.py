@@ -413,9 +413,9 @@ class TrialScanSettings:
     """Settings of `vlab.diagnose.inference.trial_scan`."""
 
     cycle: float = 0.25
-    """cycle [1]: spacing of trial values in cycles of the highest recorded frequency, 0 to 0.5. Default a mismatch of an
-    eighth of a cycle at most, at which the linear prediction keeps 0.7 of its correlation. Raising it saves time and
-    misses narrow peaks."""
+    """cycle [1]: spacing of trial values in cycles, 0 to 0.5: of the highest recorded frequency for delays, of the rounding
+    error at the largest command for steps. Default a mismatch of an eighth of a cycle at most, at which the linear
+    prediction keeps 0.7 of its correlation. Raising it saves time and misses narrow peaks."""
     ratio: float = 1.6
     """ratio [1]: ratio of neighbouring trial slopes, above 1; default a mismatch of 26 % at most, untested. Raising it
     saves time and starts fits further off."""
@@ -423,8 +423,8 @@ class TrialScanSettings:
     """damping_ratio [1]: damping ratio whose half-power bandwidth separates trial resonances, 0 to 1; default the larger
     trial damping of an attached oscillator. Raising it saves time and misses sharp resonances."""
     most: int = 400
-    """most [1]: most trial values of a hold, at least 1; default all whole sample periods up to 0.2 s at 2 kHz. The largest
-    command has `cycle` times as many steps at most. Raising it costs time and finds finer steps."""
+    """most [1]: most trial values of a hold or a step, at least 1; default all whole sample periods up to 0.2 s at 2 kHz.
+    Raising it costs time and finds finer steps."""
     kept: int = 3
     """kept [1]: best values of a scan that the screening keeps, at least 1; default untested. Raising it costs time."""
     columns: int = 32
