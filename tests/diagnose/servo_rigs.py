@@ -38,9 +38,12 @@ class Drive:
     """Integral gain [N m/(rad s)]."""
     scale: float = 1.0
     """Factor on the command."""
+    step: float = 0.0
+    """Step of the command's converter [rad]."""
 
     def force(self, command: float, q: float, v: float, total: float = 0.0) -> float:
         """Return the torque [N m] at an angle, a rate and an integral of the error."""
+        command = self.step * round(command / self.step) if self.step else command
         error = self.scale * command - q
         beyond = error - min(max(error, -self.dead), self.dead)
         forward, backward = self.limit * (1 - v / self.no_load), self.limit * (1 + v / self.no_load)

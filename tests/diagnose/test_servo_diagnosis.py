@@ -60,6 +60,14 @@ HIDDEN = {
         "shoulder",
         {"share": 0.25},
     ),
+    "command gain": ("two links", hide(TWO_LINKS, 0, scale=0.85), "actuator-gain", "shoulder", {"gain": -0.15}),
+    "steps of a command": (
+        "two links",
+        hide(TWO_LINKS, 1, step=0.03),
+        "actuator-quantisation",
+        "elbow",
+        {"step": 0.03},
+    ),
 }
 QUICK = "position gain, soft"
 
@@ -120,6 +128,21 @@ def test_the_arms_are_those_of_mujoco(name):
         for _ in range(round(1.0 / RATE / model.opt.timestep)):
             mujoco.mj_step(model, data)
     assert np.abs(here - there).max() < 0.01 * np.abs(here).max()
+
+
+@pytest.mark.slow
+def test_a_gain_is_found_beside_the_friction_of_another_gear(tmp_path):
+    """Alone, a spring to ground stands in for the gain; beside the friction, the gain explains far more."""
+    drives = hide(replace(TWO_LINKS, drives=hide(TWO_LINKS, 0, loss=0.25)), 1, scale=0.85)
+    servo_case(tmp_path, "two links", hidden=drives)
+    diagnosis = diagnose(load_case(tmp_path / "case.toml")).diagnosis
+    assert diagnosis.verdict == "missing-physics"
+    found = {finding.effect: finding for finding in diagnosis.findings}
+    assert found["actuator-gain"].place == "actuator:elbow_servo"
+    assert found["actuator-gain"].parameters["gain"]["value"] == pytest.approx(-0.15, rel=0.1)
+    (friction,) = [finding for finding in diagnosis.findings if finding.effect != "actuator-gain"]
+    assert friction.family == "friction"
+    assert friction.place in ("joint:shoulder", "actuator:shoulder_servo")
 
 
 # ---- gains as uncertain parameters ------------------------------------------------------------------------------------
