@@ -25,7 +25,8 @@ from vlab.diagnose.settings import ATTEMPT, EVIDENCE, MODEL_CHOICE
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import Distance, Part, part_of, whole_gap
 from vlab.diagnose.validation.simulation import Ablations, ExtendedModel, check, spread_over
-from vlab.diagnose.verdict import closes_gap, decide_verdict, fit_note, unproven_note
+from vlab.diagnose.verdict import closes_gap, decide_verdict, unproven_note
+from vlab.diagnose.verdict_notes import fit_note
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS
 from vlab.signals import Channel, Recording

@@ -23,13 +23,12 @@ from vlab.diagnose.validation.gap import gap_closed, total
 from vlab.diagnose.validation.simulation import ExtendedModel, check, coarse_steps, with_finer_steps
 from vlab.diagnose.verdict import (
     closes_gap,
-    coloured_noise_note,
     decide_verdict,
     is_incoherent,
     is_needed,
     is_needed_beside_data,
-    residual_note,
 )
+from vlab.diagnose.verdict_notes import coloured_noise_note, residual_note
 from vlab.files.assets import asset
 from vlab.parallel import side_by_side
 from vlab.physics.attach import Attached, attach

@@ -35,10 +35,18 @@ from vlab.diagnose.predictors.recorded_motion import refuse_recorded_contacts
 from vlab.diagnose.problem import Problem, model_kind_of
 from vlab.diagnose.search.ablation import wrong_offsets
 from vlab.diagnose.search.alternative_conventions import choose_convention
-from vlab.diagnose.search.attempt import Trials, best_attempt, further_attempts, is_better_table, without_useless
+from vlab.diagnose.search.attempt import (
+    Trials,
+    best_attempt,
+    further_attempts,
+    is_better_table,
+    leaves_noise,
+    without_useless,
+)
 from vlab.diagnose.search.confirmation import Confirmation
 from vlab.diagnose.search.deadline import Deadline
 from vlab.diagnose.search.left_out_recordings import with_left_out
+from vlab.diagnose.search.limits import Limits
 from vlab.diagnose.search.model_class import choose_model_class
 from vlab.diagnose.search.sampling_convention import note_of_conventions
 from vlab.diagnose.search.selection import TimeFound
@@ -58,16 +66,14 @@ from vlab.diagnose.validation.next_experiment import separate
 from vlab.diagnose.validation.simulation import ExtendedModel, check, coarse_steps, extended, with_finer_steps
 from vlab.diagnose.verdict import (
     closes_gap,
-    coloured_noise_note,
     decide_verdict,
     explains_most,
-    fit_note,
     is_needed_beside_data,
     is_partial_explanation,
     is_within_noise,
-    residual_note,
     unproven_note,
 )
+from vlab.diagnose.verdict_notes import coloured_noise_note, fit_note, residual_note
 from vlab.physics.catalogue import CANDIDATES, last_resort
 from vlab.physics.effect import Effect
 
@@ -278,7 +284,8 @@ class _Pass:
         other = replace(self, effects=effects, note=self._with_note(note))
         if self.deadline.is_past:
             return other, searched, None
-        found = searched.model_class.search(effects, lambda share, what: None, self.deadline, is_single=is_single)
+        limits = Limits(deadline=self.deadline, is_single=is_single)
+        found = searched.model_class.search(effects, lambda share, what: None, limits)
         ours = replace(searched, found=found)
         again = other._judge(ours, other._confirm(ours))
         return other, ours, again if isinstance(again, Judged) and again.verdict in NAMING else None
@@ -292,7 +299,10 @@ class _Pass:
         holdout = read_holdout(problem.case, problem.names, problem.runs)
         seen = look_at_data(problem, assess_quality([*problem.runs, *holdout.runs], problem.runs, file))
         effects = [] if seen.damage.fatal else self.effects
-        found = model_class.search(effects, lambda share, what: self.report(0.8 * share, what), self.deadline)
+        nominal = ExtendedModel(plant=self.whole_case.plant)
+        is_noise = partial(leaves_noise, problem, seen, holdout.runs, nominal)
+        limits = Limits(deadline=self.deadline, is_noise=is_noise)
+        found = model_class.search(effects, lambda share, what: self.report(0.8 * share, what), limits)
         return Searched(
             file=file,
             static_offsets=static_offsets,

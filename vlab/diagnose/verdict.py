@@ -7,13 +7,12 @@ import numpy as np
 
 from vlab.diagnose.data.quality import DataQuality
 from vlab.diagnose.data_findings import DataFindings
-from vlab.diagnose.diagnosis import NAMING, Attempt, Verdict
+from vlab.diagnose.diagnosis import Attempt, Verdict
 from vlab.diagnose.inference.model_choice import Choice
 from vlab.diagnose.model_kinds.model_kind import ModelKind
 from vlab.diagnose.settings import EVIDENCE, GAP, MODEL_CHOICE, PROBLEM, VERDICT
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import Distance, gap_closed, predicts_better, total, verifying
-from vlab.files.text import in_digits
 from vlab.physics.small_signal import is_linear
 
 
@@ -140,30 +139,6 @@ def is_within_noise(checked: Sequence[Checked], *, model_kind: ModelKind) -> boo
     return not model_kind.is_mismatch(total(checked, "after"), total(checked, "noise"))
 
 
-def residual_note(verdict: Verdict, checked: Sequence[Checked], *, model_kind: ModelKind) -> list[str]:
-    """Return a note where the residual exceeds the noise.
-
-    Parameters
-    ----------
-    verdict : Verdict
-        Verdict.
-    checked : sequence of Checked
-        Errors on recordings.
-    model_kind : ModelKind
-        Kind of the nominal model.
-
-    Returns
-    -------
-    list of str
-        One note, or none.
-    """
-    errors = errors_of(checked)
-    if verdict not in NAMING or not model_kind.is_mismatch(errors["after"], errors["noise"]):
-        return []
-    times = errors["after"] / max(errors["noise"], 1e-300)
-    return [f"the residual of the extended model is {in_digits(times)} times the noise: more may be missing"]
-
-
 def is_incoherent(checked: Sequence[Checked]) -> bool:
     """Return whether the residual is incoherent noise.
 
@@ -174,69 +149,6 @@ def is_incoherent(checked: Sequence[Checked]) -> bool:
     if all(run.role == "holdout" for run in checked):  # a model follows the noise to which it was fitted
         noise = min(noise, total(checked, "after"))
     return total(checked, "before") <= VERDICT.above_noise * noise
-
-
-def is_gaussian(checked: Sequence[Checked]) -> bool:
-    """Return whether every residual may be stationary Gaussian noise.
-
-    The test has the false-alarm rate of the verdict. Physics that comes and goes, as an intermittent contact, has
-    bursts. Noise that rings up a lightly damped mode has bursts as well.
-    """
-    rate = VERDICT.false_alarm_rate / max(len(checked), 1)
-    return all(c.is_gaussian(rate) for c in checked)
-
-
-def coloured_noise_note(verdict: Verdict, checked: Sequence[Checked], *, model_kind: ModelKind) -> list[str]:
-    """Return a note where a coloured residual counts as noise.
-
-    Parameters
-    ----------
-    verdict : Verdict
-        Verdict.
-    checked : sequence of Checked
-        Errors on recordings.
-    model_kind : ModelKind
-        Kind of the nominal model.
-
-    Returns
-    -------
-    list of str
-        One note, or none.
-    """
-    errors = errors_of(checked)
-    if verdict != "nothing-missing" or not model_kind.is_mismatch(errors["before"], errors["noise"]):
-        return []
-    what = "coloured noise"
-    if not is_gaussian(checked):
-        what += ", or physics that comes and goes, for the residual has bursts that stationary noise has not"
-    return [
-        f"the residual is {100 * errors['before']:.2g} % of the recordings' rms and coherent with neither the inputs nor the motion: "
-        f"{what}"
-    ]
-
-
-def fit_note(verdict: Verdict, checked: Sequence[Checked], *, model_kind: ModelKind) -> list[str]:
-    """Return a note where only fitted recordings show a mismatch.
-
-    Parameters
-    ----------
-    verdict : Verdict
-        Verdict.
-    checked : sequence of Checked
-        Errors on hold-out recordings.
-    model_kind : ModelKind
-        Kind of the nominal model.
-
-    Returns
-    -------
-    list of str
-        One note, or none.
-    """
-    if verdict != "none-of-these" or not checked:
-        return []
-    if model_kind.is_mismatch(total(checked, "before"), total(checked, "noise")):
-        return []
-    return ["the model follows the hold-out recordings; the mismatch shows in the fitted recordings only"]
 
 
 def is_of_the_fit_alone(
@@ -388,8 +300,23 @@ def _is_like_mesh_error(choice: Choice) -> bool:
     return bool(effects) and all(effect.kind == "port" and is_linear(effect) for effect in effects)
 
 
-def _follows(checked: Sequence[Checked], *, model_kind: ModelKind, is_plausible: bool) -> bool:
-    """Return whether the model without findings explains recordings but for noise."""
+def follows(checked: Sequence[Checked], *, model_kind: ModelKind, is_plausible: bool) -> bool:
+    """Return whether the model without findings explains recordings but for noise.
+
+    Parameters
+    ----------
+    checked : sequence of Checked
+        Errors on recordings.
+    model_kind : ModelKind
+        Kind of the nominal model.
+    is_plausible : bool
+        Whether the parameters of the calibrated model are plausible beside noise.
+
+    Returns
+    -------
+    bool
+        Whether the residual is within noise and model error, or incoherent beside plausible parameters.
+    """
     if not model_kind.is_mismatch(total(checked, "before"), total(checked, "noise")):
         return True
     return is_plausible and is_incoherent(checked)
@@ -472,8 +399,8 @@ def decide_verdict(
         return "missing-physics"
     if _is_shown_within_model_error(choice, checked, model_kind=model_kind):
         return "partly-explained"
-    follows = partial(_follows, model_kind=model_kind, is_plausible=is_plausible)
-    if follows(checked) and follows(fitted()):
+    follow = partial(follows, model_kind=model_kind, is_plausible=is_plausible)
+    if follow(checked) and follow(fitted()):
         return "nothing-missing"
     if not seen.damage.warnings:
         return "none-of-these"

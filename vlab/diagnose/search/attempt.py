@@ -13,7 +13,7 @@ from vlab.diagnose.diagnosis import Attempt, Finding
 from vlab.diagnose.findings import findings_of_attempt
 from vlab.diagnose.inference.evidence import Hypothesis, effective_sample_size
 from vlab.diagnose.inference.model_choice import Choice
-from vlab.diagnose.inference.prior_check import has_plausible_parameters
+from vlab.diagnose.inference.prior_check import has_plausible_parameters, is_plausible_beside_noise
 from vlab.diagnose.parameters.terms import Fit, Term
 from vlab.diagnose.problem import Problem
 from vlab.diagnose.search.ablation import ablate
@@ -21,7 +21,7 @@ from vlab.diagnose.settings import ATTEMPT, MODEL_CHOICE
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import total, verifying
 from vlab.diagnose.validation.simulation import ExtendedModel, SimulationCache, check, extended, spread_over
-from vlab.diagnose.verdict import explains_most, explains_part
+from vlab.diagnose.verdict import explains_most, explains_part, follows
 from vlab.physics.effect import Effect
 
 
@@ -223,6 +223,36 @@ class Trials:
             if stands(fewer):
                 return fewer
         return attempt
+
+
+def leaves_noise(
+    problem: Problem, seen: DataFindings, holdouts: Sequence[Run], nominal: ExtendedModel, fit: Fit
+) -> bool:
+    """Return whether a calibrated model explains all recordings but for noise of any colour.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem with the fitted recordings.
+    seen : DataFindings
+        Findings from the data alone.
+    holdouts : sequence of Run
+        Hold-out recordings.
+    nominal : ExtendedModel
+        Nominal model.
+    fit : Fit
+        Fit of the calibrated model.
+
+    Returns
+    -------
+    bool
+        False beside implausible parameters or findings from the data alone, too.
+    """
+    if seen.is_missing or not is_plausible_beside_noise(fit):
+        return False
+    trials = Trials(problem=problem, seen=seen, runs=holdouts, before=extended(problem, fit), nominal=nominal)
+    errors = (trials.on_fitted(fit, ()), trials.of(fit, ()).checked if holdouts else ())
+    return all(follows(checked, model_kind=problem.model_kind, is_plausible=True) for checked in errors if checked)
 
 
 def without_useless(

@@ -14,7 +14,7 @@ from vlab.diagnose.predictors.modal_problem import prepare
 from vlab.diagnose.predictors.scope import check_contacts, check_scope, linear_problem
 from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory, read_trajectory_signals
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
+from vlab.diagnose.search.limits import NO_LIMITS, Limits
 from vlab.diagnose.search.sampling_convention import score_by_timing
 from vlab.diagnose.search.selection import TimeFound, search
 from vlab.diagnose.search.trajectory_selection import search_moving
@@ -45,11 +45,9 @@ class LinearTimeInvariant:
         """Inverse problem of the search."""
         return self.screen.problem
 
-    def search(
-        self, effects: Sequence[Effect], report: Report, deadline: Deadline = NO_DEADLINE, *, is_single: bool = False
-    ) -> TimeFound:
+    def search(self, effects: Sequence[Effect], report: Report, limits: Limits = NO_LIMITS) -> TimeFound:
         """Search the missing physics, by `vlab.diagnose.search.selection.search`."""
-        return search(self.screen, effects, report, deadline, is_single=is_single)
+        return search(self.screen, effects, report, limits)
 
     def whole_runs_of(self, case: Case, model_error: float) -> LeastSquares | None:
         """Return the whole-run fits of a case with another convention.
@@ -85,11 +83,9 @@ class TrajectoryLinearised:
         """Inverse problem of the search."""
         return self.screen.problem
 
-    def search(
-        self, effects: Sequence[Effect], report: Report, deadline: Deadline = NO_DEADLINE, *, is_single: bool = False
-    ) -> TimeFound:
+    def search(self, effects: Sequence[Effect], report: Report, limits: Limits = NO_LIMITS) -> TimeFound:
         """Search the missing physics along the motion."""
-        return search_moving(self.screen, effects, report, deadline, is_single=is_single)
+        return search_moving(self.screen, effects, report, limits)
 
     def whole_runs_of(self, case: Case, model_error: float) -> LeastSquares:
         """Return the whole-run fits of a case with another convention.

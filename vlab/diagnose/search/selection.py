@@ -24,8 +24,8 @@ from vlab.diagnose.inference.whole_run_fits import on_whole_runs
 from vlab.diagnose.inference.window_least_squares import WindowLeastSquares
 from vlab.diagnose.parameters.terms import Candidate
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
 from vlab.diagnose.search.forward_selection import ForwardSelection
+from vlab.diagnose.search.limits import NO_LIMITS, Limits
 from vlab.diagnose.search.permanent_change import find_permanent_changes
 from vlab.diagnose.search.second_effect import (
     ablate_pairs,
@@ -74,9 +74,7 @@ def search(
     screen: ScoreTest,
     effects: Sequence[Effect],
     progress: Callable[[float, str], None] | None = None,
-    deadline: Deadline = NO_DEADLINE,
-    *,
-    is_single: bool = False,
+    limits: Limits = NO_LIMITS,
 ) -> TimeFound:
     """Search the missing physics in a screening's runs.
 
@@ -88,10 +86,8 @@ def search(
         Candidate effects.
     progress : callable or None
         Receives the completed share and the current step.
-    deadline : Deadline
-        End of the time for further effects.
-    is_single : bool
-        Whether hypotheses have one effect only.
+    limits : Limits
+        Limits of the search.
 
     Returns
     -------
@@ -120,15 +116,17 @@ def search(
     is_odd = bool(singles) and violate_priors(
         singles, whole.directions.shape[1], whole.reduced_model.prior, problem.may_vanish
     )
-    if singles and not (is_single or deadline.is_past) and (is_odd or demands_another_effect(before, singles, enough)):
+    least = max(enough, HYPOTHESIS_FITS.enough)
+    is_demanded = bool(singles) and (is_odd or demands_another_effect(before, singles, enough))
+    is_enough = limits.forbid_more(before, least)
+    if is_demanded and not is_enough:
         hypotheses = steps.with_pairs(shortlist, singles, is_odd=is_odd)
     report(0.9, "adding effects")
-    least = max(enough, HYPOTHESIS_FITS.enough)
     selection = ForwardSelection(
-        before=before, windows=narrow, whole=whole, candidates=candidates, enough=least, deadline=deadline,
+        before=before, windows=narrow, whole=whole, candidates=candidates, enough=least, deadline=limits.deadline,
         report=partial(report, 0.9),
     )  # fmt: skip
-    hypotheses = as_meant(whole, list(hypotheses) if is_single else selection.extend(hypotheses))
+    hypotheses = as_meant(whole, list(hypotheses) if is_enough else selection.extend(hypotheses))
     shares = (whole.noise_share, whole.error_share, whole.effective_samples, whole.integration_share)
     before, *hypotheses = weighed([before, *hypotheses], *shares)
     before, *hypotheses = with_tolerances(whole, before, hypotheses, enough, selection.fitted)

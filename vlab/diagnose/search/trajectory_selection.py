@@ -23,8 +23,9 @@ from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSqua
 from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.inference.whole_run_fits import changed_alike, fitted_on_both, on_whole_runs
 from vlab.diagnose.parameters.terms import Candidate, Fit
-from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
+from vlab.diagnose.search.deadline import Deadline
 from vlab.diagnose.search.forward_selection import ForwardSelection, in_all_joints
+from vlab.diagnose.search.limits import NO_LIMITS, Limits
 from vlab.diagnose.search.selection import TimeFound, shows
 from vlab.diagnose.search.shortlist import best_of_effects, completing, shortlisted
 from vlab.diagnose.settings import HYPOTHESIS_FITS, PROBLEM, SCORE_TEST, SECOND_EFFECT, SELECTION, SHORTLIST
@@ -36,9 +37,7 @@ def search_moving(
     screen: TrajectoryScoreTest,
     effects: Sequence[Effect],
     report: Callable[[float, str], None],
-    deadline: Deadline = NO_DEADLINE,
-    *,
-    is_single: bool = False,
+    limits: Limits = NO_LIMITS,
 ) -> TimeFound:
     """Search the missing physics along the motion.
 
@@ -52,17 +51,15 @@ def search_moving(
         Candidate effects.
     report : callable
         Receives the completed share and the current step.
-    deadline : Deadline
-        End of the time for further effects.
-    is_single : bool
-        Whether hypotheses have one effect only.
+    limits : Limits
+        Limits of the search.
 
     Returns
     -------
     TimeFound
         Hypotheses.
     """
-    problem = screen.problem
+    problem, deadline = screen.problem, limits.deadline
     effects = [effect for effect in effects if shows(problem, effect)]
     report(0.2, "calibrating")
     renewed, start = calibrate(screen)
@@ -82,11 +79,12 @@ def search_moving(
     screen.forget()
     report(0.5, "fitting single effects")
     hypotheses = singles = finished(narrow, each_fitted(narrow, shortlist, before.fit))
-    if _leave_much(hypotheses) and not (is_single or deadline.is_past):
+    is_enough = limits.forbid_more(before, HYPOTHESIS_FITS.enough)
+    if _leave_much(hypotheses) and not is_enough:
         report(0.6, "fitting laws in all joints")
         everywhere = in_all_joints(candidates, lambda terms, start: fitted(narrow, terms, start), before.fit)
         hypotheses = by_score(hypotheses, finished(narrow, everywhere))
-    if _leave_much(hypotheses) and not (is_single or deadline.is_past):
+    if _leave_much(hypotheses) and not (is_enough or deadline.is_past):
         report(0.65, "fitting pairs of effects")
         pairs = _pairs(screen, narrow, shortlist, candidates, singles, effects, before.fit)
         hypotheses = by_score(hypotheses, finished(narrow, pairs))
@@ -108,7 +106,7 @@ def search_moving(
         before=before, windows=windows, whole=whole, candidates=candidates, enough=enough, deadline=deadline,
         report=partial(report, 0.9),
     )  # fmt: skip
-    hypotheses = hypotheses if is_single else selection.extend(hypotheses)
+    hypotheses = hypotheses if is_enough else selection.extend(hypotheses)
     places = other_places(narrow, hypotheses[0], candidates, before.fit) if hypotheses else {}
     return TimeFound(
         problem=problem,

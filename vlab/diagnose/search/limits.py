@@ -1,0 +1,56 @@
+"""Limits of a search: its time, the number of effects, and a residual that is noise."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.parameters.terms import Fit
+from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
+
+
+def _never(fit: Fit) -> bool:
+    return False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Limits of a search.
+
+    Parameters
+    ----------
+    deadline : Deadline
+        End of the time for further effects.
+    is_single : bool
+        Whether hypotheses have one effect only.
+    is_noise : callable
+        Whether the recordings less a fit of the calibrated model are noise of any colour.
+    """
+
+    deadline: Deadline = NO_DEADLINE
+    is_single: bool = False
+    is_noise: Callable[[Fit], bool] = _never
+
+    def forbid_more(self, before: Hypothesis, enough: float) -> bool:
+        """Return whether no effects are added to single ones.
+
+        Beside a residual of noise, nothing is missing but perhaps one effect within the model error.
+
+        Parameters
+        ----------
+        before : Hypothesis
+            Calibrated model.
+        enough : float
+            Normalised residual that needs no further effect.
+
+        Returns
+        -------
+        bool
+            Whether the search ends with single effects.
+        """
+        if self.is_single or self.deadline.is_past:
+            return True
+        return before.normalised_residual > enough and self.is_noise(before.long_fit)
+
+
+NO_LIMITS = Limits()
+"""Limits of an unlimited search."""
