@@ -11,7 +11,7 @@ from rig_stop import GAP, STOP, stop_case
 
 from vlab.cases import load_case
 from vlab.cli.diagnose import _text
-from vlab.diagnose.advice import diverged_note, format_probability, notes_on_models, refuted_note, spoilt_note
+from vlab.diagnose.advice import diverged_note, fit_note, format_probability, notes_on_models, refuted_note, spoilt_note
 from vlab.diagnose.diagnosis import Attempt, Diagnosis, Finding, errors_to_json
 from vlab.diagnose.findings import alternatives, by_what_they_explain
 from vlab.diagnose.inference.evidence import Found, Hypothesis
@@ -26,7 +26,6 @@ from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.gap import Distance, Part, part_of, whole_gap
 from vlab.diagnose.validation.simulation import Ablations, ExtendedModel, check, spread_over
 from vlab.diagnose.verdict import closes_gap, decide_verdict, unproven_note
-from vlab.diagnose.verdict_notes import fit_note
 from vlab.physics.attach import Attached, attach
 from vlab.physics.catalogue import EFFECTS
 from vlab.signals import Channel, Recording

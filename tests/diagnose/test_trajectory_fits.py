@@ -250,7 +250,7 @@ def test_a_second_effect_stands_beside_another_one(screen, place):
     start = narrow.fit()
     weak = [c for c in candidates if c.effect.name == "stiffness-to-ground"][:1]
     singles = searching.finished(narrow, searching.each_fitted(narrow, weak, start))
-    pairs = searching._pairs(screen, narrow, weak, candidates, singles, effects)
+    pairs = searching._pairs(screen, narrow, weak, candidates, singles, effects, start)
     assert pairs
     for pair in pairs:
         assert pair.terms[0].label == weak[0].label

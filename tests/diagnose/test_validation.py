@@ -13,6 +13,7 @@ from rigs import oscillator_case
 
 from vlab import signals
 from vlab.cases import load_case, simulate
+from vlab.diagnose.advice import coloured_noise_note, residual_note
 from vlab.diagnose.data.quality import DataQuality
 from vlab.diagnose.inference.sensor_offset import explained_sensor_offsets
 from vlab.diagnose.model_kinds.meshed_structure import MeshedStructure
@@ -28,7 +29,6 @@ from vlab.diagnose.verdict import (
     is_needed,
     is_needed_beside_data,
 )
-from vlab.diagnose.verdict_notes import coloured_noise_note, residual_note
 from vlab.files.assets import asset
 from vlab.parallel import side_by_side
 from vlab.physics.attach import Attached, attach

@@ -11,11 +11,14 @@ import numpy as np
 from vlab.cases.case import Case
 from vlab.cases.checks import FileCheck, check_recordings
 from vlab.diagnose.advice import (
+    coloured_noise_note,
+    fit_note,
     idle_note,
     implausible_parameters,
     next_measurement,
     not_excluded,
     notes_on_models,
+    residual_note,
     scope_note,
 )
 from vlab.diagnose.data.quality import assess_quality
@@ -73,7 +76,6 @@ from vlab.diagnose.verdict import (
     is_within_noise,
     unproven_note,
 )
-from vlab.diagnose.verdict_notes import coloured_noise_note, fit_note, residual_note
 from vlab.physics.catalogue import CANDIDATES, last_resort
 from vlab.physics.effect import Effect
 
@@ -299,8 +301,7 @@ class _Pass:
         holdout = read_holdout(problem.case, problem.names, problem.runs)
         seen = look_at_data(problem, assess_quality([*problem.runs, *holdout.runs], problem.runs, file))
         effects = [] if seen.damage.fatal else self.effects
-        nominal = ExtendedModel(plant=self.whole_case.plant)
-        is_noise = partial(leaves_noise, problem, seen, holdout.runs, nominal)
+        is_noise = partial(leaves_noise, problem, seen, holdout.runs, ExtendedModel(plant=self.whole_case.plant))
         limits = Limits(deadline=self.deadline, is_noise=is_noise)
         found = model_class.search(effects, lambda share, what: self.report(0.8 * share, what), limits)
         return Searched(

@@ -228,7 +228,7 @@ def _unit_in_name(name: str) -> str:
 
 
 def _compound_unit(words: Sequence[str]) -> str:
-    """Return the unit of several words at the end of a name, as in ``acc_m_s2``, ``gyro_rad_per_s``, ``tau_N_m``."""
+    """Return the unit in several words of a name, as in ``acc_m_s2``."""
     for count in (3, 2):
         end = "_".join(words[-count:])
         rate = _RATE.fullmatch(end)

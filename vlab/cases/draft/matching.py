@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
-import numpy as np
-from scipy import signal
 
 from vlab import units
+from vlab.cases.draft.lead import leads
 from vlab.cases.draft.logs import Log
 from vlab.cases.draft.model import feedback_of
 from vlab.cases.draft.vector_sensors import VectorSensor, only_vector_sensor, vector_sensor
@@ -19,7 +18,7 @@ from vlab.cases.places import Suggestion, actuators_of, element_of, is_in_name, 
 from vlab.files.text import in_line
 from vlab.plants.base import ActuatorTap, Plant
 from vlab.recordings.overview import ColumnOverview, kind_of, kind_of_unit
-from vlab.signals import KIND_UNITS, Array
+from vlab.signals import KIND_UNITS
 
 EFFORTS = ("moment", "force", "current", "voltage")
 """EFFORTS: kinds of a column that drive a motor, and show the effort of a servo."""
@@ -362,9 +361,8 @@ class _Matcher:
                     self.unplaced.remove(outputs[0])
                     self._take(outputs[0], found, "the only place", is_sure=False)
                     break
-        names = "no joint, sensor or actuator has its name"
         for column in self.unplaced:
-            self._leave(self.log.label(column.name), names)
+            self._leave(self.log.label(column.name), "no joint, sensor or actuator has its name")
 
     def _take_the_only_axis(self) -> None:
         """Give the only sensor, of three values, to the only column of its quantity."""
@@ -374,22 +372,21 @@ class _Matcher:
         outputs = [c for c in self.unplaced if c.kind == vector.kind.removeprefix("angular-")]
         if len(outputs) == 1:
             self.unplaced.remove(outputs[0])
-            found = Suggestion(at=vector.moving[0], kind=vector.kind, is_input=False)
             why = f"the only axis of the only sensor {in_line(vector.name)!r} along which the model moves"
+            found = Suggestion(at=vector.moving[0], kind=vector.kind, is_input=False)
             self._take(outputs[0], found, why, is_sure=False)
 
     def _take_the_only_joints(self) -> None:
-        """Give the only hinge, or slide, without a column to the only column in a unit of its motion."""
-        shown = {_joint_at(self.plant, m.at) for m in self.candidates if not m.is_input}
-        model: Any = self.plant.model
-        free = [name for name in joints_of(self.plant) if int(model.joint(name).id) not in shown]
+        """Give the only free hinge, or slide, to the only column in its unit."""
+        free = unused_places(self.plant, [m for m in self.candidates if not m.is_input])
         for si, kind, what in (("rad", "angle", "hinge"), ("m", "displacement", "slide")):
-            fitting = [name for name in free if self.plant.ports[f"joint:{name}"].unit == si]
+            ports = {name: self.plant.ports[f"joint:{name}"] for name in joints_of(self.plant)}
+            fitting = [name for name, port in ports.items() if port.unit == si and f"joint {name!r}" in free]
             columns = [c for c in self.unplaced if c.kind in ("position", "") and c.unit in units.WRITTEN[si]]
             if len(fitting) == 1 and len(columns) == 1:
                 self.unplaced.remove(columns[0])
-                found = Suggestion(at=f"joint:{fitting[0]}", kind=kind, is_input=False)
-                self._take(columns[0], found, f"the only {what} without a column", is_sure=False)
+                place = Suggestion(at=f"joint:{fitting[0]}", kind=kind, is_input=False)
+                self._take(columns[0], place, f"the only {what} without a column", is_sure=False)
 
     def _only_output(self) -> str | None:
         sensors, joints = [tap.name for tap in self.plant.sensors], joints_of(self.plant)
@@ -402,9 +399,9 @@ class _Matcher:
         if tap is not None:
             word = {"displacement": "position", "angle": "position"}.get(tap.kind, tap.kind.removeprefix("angular-"))
             return Suggestion(at=at, kind=tap.kind, is_input=False) if word == kind else None
-        is_angle = self.plant.ports[at].unit == "rad"
-        own = {"position": "angle" if is_angle else "displacement"}
-        return Suggestion(at=at, kind=own.get(kind, f"angular-{kind}" if is_angle else kind), is_input=False)
+        if self.plant.ports[at].unit == "rad":
+            return Suggestion(at=at, kind={"position": "angle"}.get(kind, f"angular-{kind}"), is_input=False)
+        return Suggestion(at=at, kind={"position": "displacement"}.get(kind, kind), is_input=False)
 
     # ---- the choice -------------------------------------------------------------------------------------------------
 
@@ -419,8 +416,9 @@ class _Matcher:
             if match is not best:
                 self._leave(match.label, f"{in_line(best.label)!r} stands for {in_line(best.at)!r}")
             elif not match.is_input and match.kind in RATES and self._is_position_known(match):
-                why = "the position is compared; a log mostly derives such a column from the position"
-                self._leave(match.label, why)
+                self._leave(
+                    match.label, "the position is compared; a log mostly derives such a column from the position"
+                )
             else:
                 out.append(match)
         return tuple(sorted(out, key=lambda m: not m.is_input))
@@ -456,30 +454,6 @@ def _joint_at(plant: Plant, at: str) -> int | None:
         if model.sensor(i).name == at and int(model.sensor_type[i]) in map(int, JOINT_SENSORS.values()):
             return int(model.sensor_objid[i])
     return None
-
-
-def leads(one: Array, other: Array) -> bool | None:
-    """Return whether one column is ahead of another.
-
-    Parameters
-    ----------
-    one, other : (n,) array
-        Samples at the same times.
-
-    Returns
-    -------
-    bool or None
-        By the lag of the largest correlation, or else by exactly repeated values; None if neither tells.
-    """
-    if one.size != other.size or not (np.isfinite(one).all() and np.isfinite(other).all()):
-        return None
-    a, b = one - one.mean(), other - other.mean()
-    along = signal.correlate(b, a, mode="full", method="auto")
-    lag = int(np.argmax(along)) - (a.size - 1)
-    if lag != 0:
-        return lag > 0
-    held = [int(np.count_nonzero(np.diff(values) == 0.0)) for values in (one, other)]
-    return None if held[0] == held[1] else held[0] > held[1]
 
 
 def unused_places(plant: Plant, used: Sequence[Match]) -> list[str]:

@@ -17,8 +17,8 @@ def at_found_amplitudes(
     """Return candidates with the columns of their own amplitudes.
 
     The force of a limited actuator is nonlinear in the command. A unit change of a gain drives a servo to its limit, where
-    a column has another shape than at the true amplitude, and a derivative vanishes where the model is at the limit. The
-    column is therefore the secant at the amplitude that the regression found last, as in a fixed-point iteration.
+    a column has another shape than at the true amplitude. A derivative vanishes where the model is at the limit. The column
+    is therefore the secant at the amplitude that the regression found last, as in a fixed-point iteration.
 
     Parameters
     ----------

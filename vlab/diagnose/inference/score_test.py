@@ -170,12 +170,11 @@ class ScoreTest:
         (rows, k) array
             Columns.
         """
-        plan = self._plan_of(candidate)
+        plans = [(candidate.effect, self._plan_of(candidate))]
         known = self._cache.columns.get(candidate.place.name)
-        columns = None if known is None else known.of(candidate.effect, plan)
+        columns = None if known is None else known.of(*plans[0])
         if columns is not None:
             return columns
-        plans = [(candidate.effect, plan)]
         return np.concatenate([g.rows(self.effect_responses(g, candidate.place, plans)[0]) for g in self.groups])
 
     def _plan_of(self, term: Term) -> Shape:

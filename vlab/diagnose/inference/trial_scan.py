@@ -99,7 +99,7 @@ def scan_values(parameter: Parameter, scales: Scales) -> Array:
 
 
 def between_values(parameter: Parameter, values: Sequence[float], scales: Scales) -> Array:
-    """Return trial values about the best ones of a scan, at which no narrow peak is missed.
+    """Return finer trial values about the best ones of a scan.
 
     A rounding error is a sawtooth, whose correlation 1 - 6 s (1 - s) at a shift of s cycles falls faster than a cosine's.
     Between the values of a scan it may be far below, so steps are refined until it is no less.

@@ -1,4 +1,4 @@
-"""Limits of a search: its time, the number of effects, and a residual that is noise."""
+"""Limits of a search: time, number of effects, noise."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
