@@ -1,7 +1,8 @@
 """Cross-validation over fitted recordings, where no hold-out recording excites an effect.
 
 Every fitted recording that excites the effect is left out in turn. The calibrated and the extended model are refitted to
-the others and predict it. An effect in a single recording remains unverified.
+the others and predict it. Of a single such recording, every half is left out in turn. An effect in a single half remains
+unverified.
 
 References
 ----------
@@ -15,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from vlab.cases.channel_map import Run
+from vlab.diagnose.data.runs import Signals
 from vlab.diagnose.diagnosis import Attempt, Finding
 from vlab.diagnose.inference.least_squares import LeastSquares
 from vlab.diagnose.parameters.terms import Fit
@@ -22,6 +24,7 @@ from vlab.diagnose.search.ablation import wrong_offsets
 from vlab.diagnose.search.attempt import Trials
 from vlab.diagnose.settings import CROSS_VALIDATION
 from vlab.diagnose.validation.checked import Checked
+from vlab.diagnose.validation.horizon import can_be_halved, parts_of
 from vlab.diagnose.validation.simulation import extended
 
 
@@ -50,15 +53,18 @@ def with_left_out(
     Returns
     -------
     Attempt
-        Attempt with further errors; unchanged where fewer than two fitted recordings excite the effect.
+        Attempt with further errors; unchanged where fewer than two fitted recordings, or halves, excite the effect.
     """
-    fitted = trials.on_fitted(attempt.fit, findings_of(attempt.fit))
-    exciting = [c.run for c in fitted if any(not part.is_idle for part in c.parts)]
+    findings = findings_of(attempt.fit)
+    exciting = _exciting(trials.on_fitted(attempt.fit, findings))
+    if len(exciting) == 1 and can_be_halved(exciting[0], 1):
+        exciting = _exciting(replace(trials, runs=parts_of(exciting[0], 2)).of(attempt.fit, findings).checked)
     if len(exciting) < 2:
         return attempt
 
     def predicted(run: Run) -> Sequence[Checked]:
-        rest = leaving_out(whole, run.name)
+        time = run.measured.time
+        rest = leaving_out(whole, run.name, (float(time[0]), float(time[-1])))
         calibrated, fit = (rest.fit(f.terms, f, CROSS_VALIDATION.refitted) for f in (before, attempt.fit))
         offsets = wrong_offsets(trials.problem, attempt.fit, trials.seen)
         model = extended(trials.problem, calibrated, offsets)
@@ -73,7 +79,12 @@ def with_left_out(
     return replace(attempt, checked=(*attempt.checked, *(c for run in exciting for c in predicted(run))))
 
 
-def leaving_out(whole: LeastSquares, recording: str) -> LeastSquares:
+def _exciting(checked: Sequence[Checked]) -> list[Run]:
+    """Return the recordings in which an effect acts."""
+    return [c.run for c in checked if any(not part.is_idle for part in c.parts)]
+
+
+def leaving_out(whole: LeastSquares, recording: str, span: tuple[float, float] = (-np.inf, np.inf)) -> LeastSquares:
     """Return fits without the samples of a recording.
 
     Parameters
@@ -82,16 +93,23 @@ def leaving_out(whole: LeastSquares, recording: str) -> LeastSquares:
         Fits to whole runs.
     recording : str
         Name of a fitted recording.
+    span : tuple of float
+        Times of the first and the last sample to leave out [s].
 
     Returns
     -------
     LeastSquares
-        Fits to the other recordings.
+        Fits to the other samples.
     """
+
+    def left(run: Signals) -> Signals:
+        time = run.t0 + run.h * np.arange(len(run))
+        valid = np.ones(run.y.shape, dtype=bool) if run.valid is None else run.valid
+        return replace(run, valid=valid & ((time < span[0]) | (time > span[1]))[:, None])
+
     other = copy(whole)
     other.runs = [
-        replace(run, valid=np.zeros(run.y.shape, dtype=bool)) if name == recording else run
-        for run, name in zip(whole.runs, whole.recordings, strict=True)
+        left(run) if name == recording else run for run, name in zip(whole.runs, whole.recordings, strict=True)
     ]
     other.__dict__.pop("weights", None)  # of the samples
     other.free_starts = other.initial_condition_nuisance()
