@@ -57,14 +57,15 @@ def with_left_out(
     """
     findings = findings_of(attempt.fit)
     exciting = _exciting(trials.on_fitted(attempt.fit, findings))
+    recordings = [run.name for run in exciting]
     if len(exciting) == 1 and can_be_halved(exciting[0], 1):
-        exciting = _exciting(replace(trials, runs=parts_of(exciting[0], 2)).of(attempt.fit, findings).checked)
+        halves = [replace(half, name=f"{half.name} {_times_of(half)}") for half in parts_of(exciting[0], 2)]
+        exciting, recordings = _exciting(replace(trials, runs=halves).of(attempt.fit, findings).checked), 2 * recordings
     if len(exciting) < 2:
         return attempt
 
-    def predicted(run: Run) -> Sequence[Checked]:
-        time = run.measured.time
-        rest = leaving_out(whole, run.name, (float(time[0]), float(time[-1])))
+    def predicted(run: Run, recording: str) -> Sequence[Checked]:
+        rest = leaving_out(whole, recording, (float(run.measured.time[0]), float(run.measured.time[-1])))
         calibrated, fit = (rest.fit(f.terms, f, CROSS_VALIDATION.refitted) for f in (before, attempt.fit))
         offsets = wrong_offsets(trials.problem, attempt.fit, trials.seen)
         model = extended(trials.problem, calibrated, offsets)
@@ -76,7 +77,14 @@ def with_left_out(
         )
         return own.of(fit, findings_of(fit)).checked
 
-    return replace(attempt, checked=(*attempt.checked, *(c for run in exciting for c in predicted(run))))
+    further = (c for run, name in zip(exciting, recordings, strict=True) for c in predicted(run, name))
+    return replace(attempt, checked=(*attempt.checked, *further))
+
+
+def _times_of(run: Run) -> str:
+    """Return the first and the last time of a part of a recording."""
+    first, last = float(run.measured.time[0]), float(run.measured.time[-1])
+    return f"from {first:.4g} to {last:.4g} s"
 
 
 def _exciting(checked: Sequence[Checked]) -> list[Run]:
