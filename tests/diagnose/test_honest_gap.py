@@ -256,6 +256,19 @@ def test_the_best_attempt_is_the_chosen_one_or_the_next_that_did_not_run_away():
     assert best_attempt(ran, iter([ran] * ATTEMPT.most_attempts + [good])) is None
 
 
+def test_attempts_are_weighed_on_the_recordings_that_all_are_tried_on():
+    """An attempt with errors of left-out recordings is compared on the hold-outs, and one that acts nowhere not at all."""
+    idle = (part(0.0),)
+    names = [frozenset({name}) for name in ("a", "b", "c", "d")]
+    one = replace(attempt(distance(after=0.2), distance(name="left out", after=0.39)), hypothesis=names[0])
+    other = replace(attempt(distance(after=0.3), distance(name="quiet", after=0.01, parts=idle)), hypothesis=names[1])
+    nowhere = replace(attempt(distance(after=0.1, parts=idle)), hypothesis=names[2])
+    worse = replace(attempt(distance(after=np.inf)), hypothesis=names[3])
+    errors: dict[frozenset[str], float] = {}
+    best_attempt(one, iter([other, nowhere, worse]), lambda attempt: False, errors)
+    assert errors == {names[0]: 0.2, names[1]: 0.3, names[3]: np.inf}
+
+
 def test_an_attempt_that_explains_most_goes_before_one_that_explains_a_part():
     surely = np.array([0.9, 1.1, 1.0, 0.8])
     poor, part_of_it, most = (

@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 from rig_stop import GAP, STOP, stop_case
+from servo_rigs import servo_case
 
 from vlab.cases.case import load_case
+from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
+from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.pipeline import diagnose
+from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory
 from vlab.diagnose.search.left_out_recordings import leaving_out
 from vlab.physics.catalogue import EFFECTS
 
@@ -50,3 +54,21 @@ def test_a_left_out_recording_has_no_say_in_a_fit(twice):
     assert not residual[first : first + count].any()
     np.testing.assert_array_equal(residual[first + count :], of_all[first + count :])
     assert all(run.valid is None for run in whole.runs)  # the fits to all recordings are unchanged
+
+
+def test_along_a_motion_the_samples_between_two_times_are_left_out(tmp_path):
+    """The windows of a recording have the recorded times of their own samples."""
+    servo_case(tmp_path, "lever")
+    windows = TrajectoryLeastSquares(TrajectoryScoreTest(*prepare_trajectory(load_case(tmp_path / "case.toml"))))
+    assert len(windows.runs) > len(set(windows.recordings))
+    span = (2.0, 3.0)
+    rest = leaving_out(windows, "two", span)
+    for run, name, time in zip(rest.runs, windows.recordings, windows.sample_times, strict=True):
+        is_left = (time > span[0] - 1e-6) & (time < span[1] + 1e-6) & (name == "two")
+        valid = np.ones(run.y.shape, dtype=bool) if run.valid is None else run.valid
+        np.testing.assert_array_equal(valid, np.broadcast_to(~is_left[:, None], valid.shape))
+    times = [time for name, time in zip(windows.recordings, windows.sample_times, strict=True) if name == "two"]
+    np.testing.assert_allclose(np.concatenate(times), np.arange(500) / 100.0)
+    whole = leaving_out(windows, "two").runs
+    assert [bool(run.valid is None) for run in whole] == [name != "two" for name in windows.recordings]
+    assert not any(run.valid.any() for run in whole if run.valid is not None)

@@ -86,7 +86,7 @@ def test_trial_resonances_reach_over_the_recorded_band():
 
 @pytest.mark.parametrize("command", [np.linspace(-1, 1, 4001), np.sin(np.linspace(0, 60, 4001))], ids=["ramp", "sine"])
 def test_some_trial_step_rounds_like_any_true_step(command):
-    """The rounding error of the nearest trial correlates with that of any step down to a hundredth of the command."""
+    """Trials are close to any step from a hundredth to half of the command. The grid has a step of half the command."""
     effect = EFFECTS["actuator-quantisation"]
     (parameter,), scales = effect.parameters, Scales(step=1e-3, duration=8.0, highest_hz=5.0, largest=1.0)
     trials = scan_values(parameter, scales)

@@ -144,6 +144,13 @@ def test_jitter_on_ticks_is_jitter():
         ("mass_g", "", ""),
         ("motor_pos_min", "", "position"),  # the least position
         ("tool position [mm]", "mm", "position"),
+        ("Force in N", "N", "force"),
+        ("speed in rpm", "rpm", "velocity"),
+        ("time in s", "s", "time"),
+        ("tau_1_Nm", "Nm", "moment"),
+        ("accel_m_s^2", "m/s^2", "acceleration"),
+        ("pos_m_min", "", "position"),
+        ("level_V_s", "", ""),
     ],
 )
 def test_a_unit_of_one_or_more_words_ends_a_name(name, unit, kind):

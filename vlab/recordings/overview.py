@@ -76,7 +76,7 @@ TURN = 2.0 * np.pi
 """TURN [rad]: largest angle of a joint that is read as radians; a larger number suggests degrees."""
 _SPLIT = re.compile(r"[^a-zA-Z]+|(?<=[a-z])(?=[A-Z])")
 _BRACKETED = re.compile(r"[\[(]\s*([A-Za-z][A-Za-z0-9/^*_]*)\s*[\])]\s*$")
-_RATE = re.compile(r"(\w+?)_(?:per_)?(s2?|min)")
+_RATE = re.compile(r"(\w+?)_(?:(?:per_)?(s(?:\^?2)?)|per_(min))")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,32 +224,40 @@ def _unit_in_name(name: str) -> str:
     words = [word for word in re.split(r"[_\s]+", name) if word]
     if len(words) < 2:
         return name.lower() if name.lower() in TURNING else ""
-    return _compound_unit(words) or _unit_word(words[-1], _kind_by_words(name))
+    return _compound_unit(words) or _unit_word(words[-1], _kind_by_words(name), words[-2])
 
 
 def _compound_unit(words: Sequence[str]) -> str:
     """Return the unit in several words of a name, as in ``acc_m_s2``."""
+    if len(words[-1]) > 1 and any(units.same_dimension(words[-1], si) for si in COMPOUND):
+        return words[-1]
     for count in (3, 2):
-        end = "_".join(words[-count:])
-        rate = _RATE.fullmatch(end)
-        unit = f"{rate[1]}/{rate[2]}" if rate is not None else end.replace("_", " ")
-        if len(words) > count and any(units.same_dimension(unit, si) for si in COMPOUND):
-            return unit
+        end, rate = words[-count:], _RATE.fullmatch("_".join(words[-count:]))
+        if len(words) <= count:
+            continue
+        is_preposition = end[0] == "in" and "per" not in end  # time in s
+        if rate and not is_preposition and rate[1] in (*units.WRITTEN["m"], *units.WRITTEN["rad"]):
+            return f"{rate[1]}/{rate[2] or rate[3]}"
+        if count == 2 and end[0] in units.WRITTEN["N"] and end[1] in units.WRITTEN["m"]:
+            return " ".join(end)
     return ""
 
 
-def _unit_word(word: str, quantity: str) -> str:
+def _unit_word(word: str, quantity: str, before: str) -> str:
     """Return the last word of a name if it is a unit.
 
-    A single letter may name a part, as in ``pos_A``: the unit must be one of the quantity that the other words suggest.
+    A single letter may name a part, as in ``pos_A``: the unit must be one of the quantity that the other words suggest. A
+    time after another unit is a part of a unit, as in ``level_V_s``, and of a position ``min`` is the minimum.
     """
+    is_of_time = units.same_dimension(word, "s") or units.same_dimension(word, "s^2")
+    if is_of_time and (quantity in UNIT_KINDS.values() or (before != "in" and kind_of_unit(before))):
+        return ""
     if len(word) == 1:
         is_of_words = kind_of_unit(word) == quantity != "" or (word == "h" and quantity == "time")  # acc_g is no mass
         is_usual = word in "NVAsm" and quantity not in UNIT_KINDS.values()
         return word if is_of_words or is_usual else ""
     is_quantity = word.lower() in sum(WORDS.values(), ()) and word.lower() not in TURNING
-    is_least = quantity in UNIT_KINDS.values() and units.same_dimension(word, "s")  # pos_min is no time
-    return word if not (is_quantity or is_least) and units.same_dimension(word, word) else ""
+    return word if not is_quantity and units.same_dimension(word, word) else ""
 
 
 def _guess(kind: str, values: Array) -> str:

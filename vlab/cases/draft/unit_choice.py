@@ -336,9 +336,12 @@ def _accelerations(log: Log, plant: Plant, members: Sequence[Match]) -> tuple[st
         own = [axes.get(f"{base}.{axis}") for axis in AXES]
         if gravity == 0.0 or None in own or not is_accelerometer(plant, base):
             continue
-        size = float(np.sqrt(sum(np.mean(_values(log, m) ** 2) for m in own if m is not None)))
+        readings = np.stack([log.table.real(m.column) for m in own if m is not None])
+        size = float(np.nanmedian(np.linalg.norm(readings, axis=0))) if np.isfinite(readings).all(axis=0).any() else 0.0
+        if not size > 0.0:
+            continue
         sizes = {unit: size * units.factor(unit, "m/s^2") / gravity for unit in CANDIDATES["m/s^2"]}
-        unit = min(sizes, key=lambda u: abs(np.log(max(sizes[u], np.finfo(float).tiny))))
+        unit = min(sizes, key=lambda u: abs(np.log(sizes[u])))
         return unit, f"in {unit}, the size of the three axes of {base!r} is {sizes[unit]:.2g} times gravity"
     return "m/s^2", "the SI unit"
 

@@ -181,6 +181,11 @@ class LeastSquares:
         """Names of the recordings of the runs."""
         return [run.name for run in self.runs]
 
+    @property
+    def sample_times(self) -> list[Array]:
+        """Times of the samples of every run in its recording [s]."""
+        return [run.t0 + run.h * np.arange(len(run)) for run in self.runs]
+
     # ---- simulation -------------------------------------------------------------------------------------------------
 
     def simulate(

@@ -32,9 +32,9 @@ def at_found_amplitudes(
     list of Candidate
         Candidates of the largest gain, in the same order.
     """
-    derivatives = [(c.effect, {**c.values, **{p.name: 0.0 for p in c.effect.amplitudes}}) for c in candidates]
     if not candidates:
         return []
+    derivatives = [(c.effect, {**c.values, **{p.name: 0.0 for p in c.effect.amplitudes}}) for c in candidates]
     last, best = _gains(candidates) - np.inf, _better(candidates, regressed(derivatives))
     while np.any(_gains(best) > last + MODEL_CHOICE.alike):
         last, best = _gains(best), _better(best, regressed([(c.effect, dict(c.values)) for c in best]))

@@ -96,7 +96,7 @@ class Choice:
             alike=tuple(h for h in self.alike if weight(h) > np.exp(-MODEL_CHOICE.alike)),
             probability=self.probability * weight(self.best),
             ranking=tuple((h, p * weight(h)) for h, p in self.ranking),
-            reserve=MODEL_CHOICE.lapse if max(errors.values(), default=least) > least else self.reserve,
+            reserve=MODEL_CHOICE.lapse if np.inf in errors.values() else self.reserve,
         )
 
 

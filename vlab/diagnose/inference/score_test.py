@@ -392,7 +392,7 @@ class ScoreTest:
         # laws with a state are smooth in their shapes, and slow to evaluate
         widths = SCORE_TEST.zoom[: SCORE_TEST.coarse_zoom] if has_state else SCORE_TEST.zoom
         for width in widths if shapes else ():
-            values = {p.name: best.values[p.name] for p in candidate.effect.shapes}
+            values = self._plan_of(best)
             tried = [
                 (candidate.effect, {**values, p.name: values[p.name] * f}) for p in shapes for f in (width, 1 / width)
             ]

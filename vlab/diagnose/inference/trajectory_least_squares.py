@@ -116,6 +116,11 @@ class TrajectoryLeastSquares(LeastSquares):
         """See `LeastSquares`: of every window."""
         return [self.moving.runs[part.run].name for part in self.parts]
 
+    @property
+    def sample_times(self) -> list[Array]:
+        """See `LeastSquares`: the recorded times."""
+        return [self.moving.moving.trajectories[part.run].time[part.first : part.end] for part in self.parts]
+
     def _gather(self) -> None:
         """Divide the system into windows, (n, n_windows, ...)."""
         s, screen = self.moving.stack, self.moving

@@ -116,10 +116,10 @@ def between_values(parameter: Parameter, values: Sequence[float], scales: Scales
     Returns
     -------
     (n,) array
-        Values in ascending order [SI]; `values` themselves for other scans than those of steps.
+        Values in ascending order [SI]; none for other scans than those of steps.
     """
     if parameter.scan != "step" or not values:
-        return np.array(values)
+        return np.zeros(0)
     kept = np.cos(np.pi * TRIAL_SCAN.cycle)  # correlation of a cosine at half the spacing
     spacing = 1.0 - np.sqrt(1.0 - 2.0 / 3.0 * (1.0 - kept))
     half = int(np.ceil(0.5 * TRIAL_SCAN.cycle / spacing))

@@ -90,7 +90,7 @@ class TrialShapes:
             scales = self._scales(place)
             coarse = best_values(scan_values(parameter, scales), gains)
             finer = between_values(parameter, coarse, scales)
-            self.scans[key] = coarse if len(finer) == len(coarse) else best_values(finer, gains)
+            self.scans[key] = best_values(finer, gains) if finer.size else coarse
         return self.scans[key]
 
     def _scales(self, place: Place) -> Scales:

@@ -329,15 +329,32 @@ def best_attempt(
     left = ATTEMPT.most_attempts + 1
     for attempt in chain([first] if first.findings else [], islice(others, left + MODEL_CHOICE.ranked)):
         is_out = _is_refuted(attempt)
-        error = np.inf if is_out else total(verifying(attempt.checked), "after")
-        errors[attempt.hypothesis or _labels(attempt.fit.terms)] = error
         tried.append(attempt)
+        errors.update(_errors_where_they_act(tried))
         left -= not is_out
         if left == 0 or (is_partial(attempt) and explains_most(attempt.checked)):
             break
     parts = [attempt for attempt in tried if is_partial(attempt)]  # more is known now
     most = [attempt for attempt in parts if explains_most(attempt.checked)]
     return next(chain(most, parts, (attempt for attempt in tried if attempt.holds)), None)
+
+
+def _errors_where_they_act(attempts: Sequence[Attempt]) -> dict[frozenset[str], float]:
+    """Return the errors of attempts on the same recordings, infinite where these refute an attempt.
+
+    Attempts that act in no recording have no entry. A recording counts if all others are tried on it, and one acts there.
+    """
+    acting = [attempt for attempt in attempts if any(not c.is_idle for c in attempt.checked)]
+    if not acting:
+        return {}
+    common = set.intersection(*({c.name for c in attempt.checked} for attempt in acting))
+    shown = common & {c.name for attempt in acting for c in attempt.checked if not c.is_idle}
+
+    def error(attempt: Attempt) -> float:
+        return np.inf if _is_refuted(attempt) else total([c for c in attempt.checked if c.name in shown], "after")
+
+    compared = acting if shown else [attempt for attempt in acting if _is_refuted(attempt)]
+    return {attempt.hypothesis or _labels(attempt.fit.terms): error(attempt) for attempt in compared}
 
 
 def further_attempts(

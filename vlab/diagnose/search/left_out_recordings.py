@@ -26,6 +26,7 @@ from vlab.diagnose.settings import CROSS_VALIDATION
 from vlab.diagnose.validation.checked import Checked
 from vlab.diagnose.validation.horizon import can_be_halved, parts_of
 from vlab.diagnose.validation.simulation import extended
+from vlab.signals import Array
 
 
 def with_left_out(
@@ -110,14 +111,15 @@ def leaving_out(whole: LeastSquares, recording: str, span: tuple[float, float] =
         Fits to the other samples.
     """
 
-    def left(run: Signals) -> Signals:
-        time = run.t0 + run.h * np.arange(len(run))
+    def left(run: Signals, time: Array) -> Signals:
+        margin = 0.5 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0
         valid = np.ones(run.y.shape, dtype=bool) if run.valid is None else run.valid
-        return replace(run, valid=valid & ((time < span[0]) | (time > span[1]))[:, None])
+        return replace(run, valid=valid & ((time < span[0] - margin) | (time > span[1] + margin))[:, None])
 
     other = copy(whole)
     other.runs = [
-        left(run) if name == recording else run for run, name in zip(whole.runs, whole.recordings, strict=True)
+        left(run, time) if name == recording else run
+        for run, name, time in zip(whole.runs, whole.recordings, whole.sample_times, strict=True)
     ]
     other.__dict__.pop("weights", None)  # of the samples
     other.free_starts = other.initial_condition_nuisance()

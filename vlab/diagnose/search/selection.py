@@ -24,7 +24,7 @@ from vlab.diagnose.inference.whole_run_fits import on_whole_runs
 from vlab.diagnose.inference.window_least_squares import WindowLeastSquares
 from vlab.diagnose.parameters.terms import Candidate
 from vlab.diagnose.problem import Problem
-from vlab.diagnose.search.forward_selection import ForwardSelection
+from vlab.diagnose.search.forward_selection import ForwardSelection, best_of_labels
 from vlab.diagnose.search.limits import NO_LIMITS, Limits
 from vlab.diagnose.search.permanent_change import find_permanent_changes
 from vlab.diagnose.search.second_effect import (
@@ -118,7 +118,7 @@ def search(
     )
     least = max(enough, HYPOTHESIS_FITS.enough)
     is_demanded = bool(singles) and (is_odd or demands_another_effect(before, singles, enough))
-    is_enough = limits.forbid_more(before, least)
+    is_enough = limits.forbid_more(before, least) if singles else limits.is_single
     if is_demanded and not is_enough:
         hypotheses = steps.with_pairs(shortlist, singles, is_odd=is_odd)
     report(0.9, "adding effects")
@@ -126,7 +126,7 @@ def search(
         before=before, windows=narrow, whole=whole, candidates=candidates, enough=least, deadline=limits.deadline,
         report=partial(report, 0.9),
     )  # fmt: skip
-    hypotheses = as_meant(whole, list(hypotheses) if is_enough else selection.extend(hypotheses))
+    hypotheses = as_meant(whole, best_of_labels(hypotheses) if is_enough else selection.extend(hypotheses))
     shares = (whole.noise_share, whole.error_share, whole.effective_samples, whole.integration_share)
     before, *hypotheses = weighed([before, *hypotheses], *shares)
     before, *hypotheses = with_tolerances(whole, before, hypotheses, enough, selection.fitted)

@@ -24,7 +24,7 @@ from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.inference.whole_run_fits import changed_alike, fitted_on_both, on_whole_runs
 from vlab.diagnose.parameters.terms import Candidate, Fit
 from vlab.diagnose.search.deadline import Deadline
-from vlab.diagnose.search.forward_selection import ForwardSelection, in_all_joints
+from vlab.diagnose.search.forward_selection import ForwardSelection, best_of_labels, in_all_joints
 from vlab.diagnose.search.limits import NO_LIMITS, Limits
 from vlab.diagnose.search.selection import TimeFound, shows
 from vlab.diagnose.search.shortlist import best_of_effects, completing, shortlisted
@@ -79,7 +79,7 @@ def search_moving(
     screen.forget()
     report(0.5, "fitting single effects")
     hypotheses = singles = finished(narrow, each_fitted(narrow, shortlist, before.fit))
-    is_enough = limits.forbid_more(before, HYPOTHESIS_FITS.enough)
+    is_enough = limits.forbid_more(before, HYPOTHESIS_FITS.enough) if singles else limits.is_single
     if _leave_much(hypotheses) and not is_enough:
         report(0.6, "fitting laws in all joints")
         everywhere = in_all_joints(candidates, lambda terms, start: fitted(narrow, terms, start), before.fit)
@@ -106,7 +106,7 @@ def search_moving(
         before=before, windows=windows, whole=whole, candidates=candidates, enough=enough, deadline=deadline,
         report=partial(report, 0.9),
     )  # fmt: skip
-    hypotheses = hypotheses if is_enough else selection.extend(hypotheses)
+    hypotheses = best_of_labels(hypotheses) if is_enough else selection.extend(hypotheses)
     places = other_places(narrow, hypotheses[0], candidates, before.fit) if hypotheses else {}
     return TimeFound(
         problem=problem,
