@@ -170,10 +170,7 @@ class LeastSquares:
         return np.zeros(2 * self.reduced_model.m)
 
     def beside(self, terms: Sequence[Term]) -> "LeastSquares":
-        """Return the fits for given terms.
-
-        Subclasses return other windows where a sensor effect contradicts the smoothed starts.
-        """
+        """Return the fits for given terms; subclasses take other windows."""
         return self
 
     @property
