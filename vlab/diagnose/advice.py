@@ -357,7 +357,7 @@ def residual_note(verdict: Verdict, checked: Sequence[Checked], *, model_kind: M
     return [f"the residual of the extended model is {in_digits(times)} times the noise: more may be missing"]
 
 
-def is_gaussian(checked: Sequence[Checked]) -> bool:
+def _is_gaussian(checked: Sequence[Checked]) -> bool:
     """Return whether every residual may be stationary Gaussian noise.
 
     The test has the false-alarm rate of the verdict. Physics that comes and goes, as an intermittent contact, has
@@ -388,7 +388,7 @@ def coloured_noise_note(verdict: Verdict, checked: Sequence[Checked], *, model_k
     if verdict != "nothing-missing" or not model_kind.is_mismatch(errors["before"], errors["noise"]):
         return []
     what = "coloured noise"
-    if not is_gaussian(checked):
+    if not _is_gaussian(checked):
         what += ", or physics that comes and goes, for the residual has bursts that stationary noise has not"
     return [
         f"the residual is {100 * errors['before']:.2g} % of the recordings' rms and coherent with neither the inputs nor the motion: "

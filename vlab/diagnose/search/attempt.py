@@ -330,6 +330,7 @@ def best_attempt(
     for attempt in chain([first] if first.findings else [], islice(others, left + MODEL_CHOICE.ranked)):
         is_out = _is_refuted(attempt)
         tried.append(attempt)
+        errors.clear()  # the recordings that all are tried on may have become fewer
         errors.update(_errors_where_they_act(tried))
         left -= not is_out
         if left == 0 or (is_partial(attempt) and explains_most(attempt.checked)):
@@ -340,9 +341,9 @@ def best_attempt(
 
 
 def _errors_where_they_act(attempts: Sequence[Attempt]) -> dict[frozenset[str], float]:
-    """Return the errors of attempts on the same recordings, infinite where these refute an attempt.
+    """Return the errors of attempts on the same recordings.
 
-    Attempts that act in no recording have no entry. A recording counts if all others are tried on it, and one acts there.
+    The error is infinite where data refute an attempt. Attempts that act in no recording have no entry. A recording counts if all others are tried on it, and one acts there.
     """
     acting = [attempt for attempt in attempts if any(not c.is_idle for c in attempt.checked)]
     if not acting:
