@@ -58,15 +58,18 @@ def with_left_out(
     """
     findings = findings_of(attempt.fit)
     exciting = _exciting(trials.on_fitted(attempt.fit, findings))
-    recordings = [run.name for run in exciting]
+    recording = exciting[0].name if len(exciting) == 1 else ""
     if len(exciting) == 1 and can_be_halved(exciting[0], 1):
-        halves = [replace(half, name=f"{half.name} {_times_of(half)}") for half in parts_of(exciting[0], 2)]
-        exciting, recordings = _exciting(replace(trials, runs=halves).of(attempt.fit, findings).checked), 2 * recordings
+        halves = [
+            replace(half, name="{} from {:.4g} to {:.4g} s".format(half.name, *_span_of(half)))
+            for half in parts_of(exciting[0], 2)
+        ]
+        exciting = _exciting(replace(trials, runs=halves).of(attempt.fit, findings).checked)
     if len(exciting) < 2:
         return attempt
 
-    def predicted(run: Run, recording: str) -> Sequence[Checked]:
-        rest = leaving_out(whole, recording, (float(run.measured.time[0]), float(run.measured.time[-1])))
+    def predicted(run: Run) -> Sequence[Checked]:
+        rest = leaving_out(whole, recording, _span_of(run)) if recording else leaving_out(whole, run.name)
         calibrated, fit = (rest.fit(f.terms, f, CROSS_VALIDATION.refitted) for f in (before, attempt.fit))
         offsets = wrong_offsets(trials.problem, attempt.fit, trials.seen)
         model = extended(trials.problem, calibrated, offsets)
@@ -78,14 +81,12 @@ def with_left_out(
         )
         return own.of(fit, findings_of(fit)).checked
 
-    further = (c for run, name in zip(exciting, recordings, strict=True) for c in predicted(run, name))
-    return replace(attempt, checked=(*attempt.checked, *further))
+    return replace(attempt, checked=(*attempt.checked, *(c for run in exciting for c in predicted(run))))
 
 
-def _times_of(run: Run) -> str:
-    """Return the first and the last time of a part of a recording."""
-    first, last = float(run.measured.time[0]), float(run.measured.time[-1])
-    return f"from {first:.4g} to {last:.4g} s"
+def _span_of(run: Run) -> tuple[float, float]:
+    """Return the first and the last time of a recording [s]."""
+    return float(run.measured.time[0]), float(run.measured.time[-1])
 
 
 def _exciting(checked: Sequence[Checked]) -> list[Run]:
