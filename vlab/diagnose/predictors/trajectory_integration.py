@@ -28,6 +28,13 @@ CHECK_EVERY = TRAJECTORY_INTEGRATION.check_every
 FAR = TRAJECTORY_INTEGRATION.far
 """FAR [1]: magnitude in SI units to which a diverged deviation is clipped, a constant of the compiled loops."""
 
+Paths = tuple[Array, Array, Array, Array]
+"""Rows (n_laws, steps + 1, lines, n, n_windows, m), displacements and velocities of ports, and weights of lines."""
+Acting = tuple[Array, Array, Array, Array]
+"""Effect of every law on states and readings, its gain (n_laws, n, n_windows, lines, lines) and its reach."""
+Clock = tuple[Array, Array, Array]
+"""Step length, time and command (n_laws, n, n_windows) of every law."""
+
 _SEEN = tuple(name for name in SIGNALS if name != "first_velocity")
 
 
@@ -122,7 +129,7 @@ def integrate_trajectory(
 
 def _tables(
     laws: Sequence[Law], n: int, n_windows: int, size: int, steps: int, n_forces: int
-) -> tuple[tuple[Array, Array, Array, Array], tuple[Array, Array, Array, Array], tuple[Array, Array, Array]]:
+) -> tuple[Paths, Acting, Clock]:
     """Return paths, effects and clock of all laws, equally padded."""
     lines = max((law.path.rows.shape[1] for law in laws), default=1)
 
@@ -154,115 +161,152 @@ def _tables(
 
 
 @in_any_order
-def _step_freely(A: Array, drive: Array, x: Array, free: Array) -> None:  # pragma: no cover - compiled
-    """Write the states after a step without laws."""
+def _step_freely(A: Array, drive: Array, k: int, x: Array, free: Array) -> None:  # pragma: no cover - compiled
+    """Write the states after a step of sample `k` without laws."""
     n_sets, n_windows, size = x.shape
     for s in range(n_sets):
         for w in range(n_windows):
             for a in range(size):
-                total = drive[s, w, a]
+                total = drive[k, s, w, a]
                 for b in range(size):
-                    total += A[w, a, b] * x[s, w, b]
+                    total += A[k, w, a, b] * x[s, w, b]
                 free[s, w, a] = total
 
 
 @in_any_order
 def _see_port(
-    rows: Array, at_z: Array, at_v: Array, x: Array, free: Array, motion: Array
+    paths: Paths, law: int, k: int, j: int, count: int, x: Array, free: Array, motion: Array
 ) -> None:  # pragma: no cover - compiled
     """Write the port motion at both ends of a step.
 
-    The rows of `motion` (4, n_lines) are z0, z1, v0 and v1. The first axis of rows (2, n_lines, m), at_z and at_v (2, n_lines) is the end of the step.
+    The rows of `motion` (4, n_lines, n_sets * n_windows) are z0, z1, v0 and v1.
     """
-    m = rows.shape[2]
-    for i in range(rows.shape[1]):
-        motion[0, i], motion[1, i], motion[2, i], motion[3, i] = at_z[0, i], at_z[1, i], at_v[0, i], at_v[1, i]
-        for a in range(m):
-            before, after = rows[0, i, a], rows[1, i, a]
-            motion[0, i] += x[a] * before
-            motion[2, i] += x[m + a] * before
-            motion[1, i] += free[a] * after
-            motion[3, i] += free[m + a] * after
+    rows, at_z, at_v, _ = paths
+    n_sets, n_windows, size = x.shape
+    m = size // 2
+    for i in range(count):
+        for s in range(n_sets):
+            for w in range(n_windows):
+                z0, z1 = at_z[law, j, i, k, w], at_z[law, j + 1, i, k, w]
+                v0, v1 = at_v[law, j, i, k, w], at_v[law, j + 1, i, k, w]
+                for a in range(m):
+                    before, after = rows[law, j, i, k, w, a], rows[law, j + 1, i, k, w, a]
+                    z0 += x[s, w, a] * before
+                    v0 += x[s, w, m + a] * before
+                    z1 += free[s, w, a] * after
+                    v1 += free[s, w, m + a] * after
+                e = s * n_windows + w
+                motion[0, i, e], motion[1, i, e], motion[2, i, e], motion[3, i, e] = z0, z1, v0, v1
+
+
+@in_any_order
+def _show_law(
+    motion: Array, clock: Clock, gain: Array, law: int, k: int, j: int, own: Array
+) -> None:  # pragma: no cover - compiled
+    """Write a law's signals: means over the step, with trapezoidal end correction."""
+    lengths, times, commands = clock
+    n_windows = lengths.shape[2]
+    for e in range(own.shape[1]):
+        w = e % n_windows
+        h = lengths[law, k, w]
+        z0, z1, v0, v1 = motion[0, 0, e], motion[1, 0, e], motion[2, 0, e], motion[3, 0, e]
+        own[AT_Z, e] = 0.5 * (z0 + z1) - h * (v1 - v0) / 12.0
+        own[AT_V, e] = 0.5 * (v0 + v1)
+        own[AT_T, e] = times[law, k, w] + (j + 0.5) * h
+        own[AT_FREE, e], own[AT_COMMAND, e] = v1, commands[law, k, w]
+        own[AT_MOBILITY, e], own[AT_H, e] = gain[law, k, w, 0, 0], h
 
 
 @in_any_order
 def _solve_impedance(
-    impedance: tuple[float, float, float],
+    impedance: Array,
     motion: Array,
     weight: Array,
-    gain: Array,
-    reach: float,
-    h: float,
+    acting: Acting,
+    lengths: Array,
+    law: int,
+    k: int,
+    count: int,
     matrix: Array,
     force: Array,
 ) -> None:  # pragma: no cover - compiled
-    """Write the mean force of an impedance at a port.
+    """Write the mean force (n_lines, n_sets * n_windows) of an impedance at a port.
 
     The force is implicit in its own effect. The mean displacement is of the trapezoidal rule with end correction, on a port of one line. Gauss elimination needs no
     pivoting, since the matrix is near identity.
     """
-    count = len(weight)
-    mass, damping, stiffness = impedance
-    bend = h / 12.0 if count == 1 else 0.0
-    for i in range(count):
-        z0, z1, v0, v1 = motion[0, i], motion[1, i], motion[2, i], motion[3, i]
-        force[i] = (
-            -mass * ((v1 - v0) / h - weight[i])
-            - 0.5 * damping * (v0 + v1)
-            - stiffness * (0.5 * (z0 + z1) - bend * (v1 - v0))
-        )
-        for a in range(count):
-            matrix[i, a] = (mass / h + 0.5 * damping) * gain[i, a]
-        matrix[i, i] += 1.0
-    if count == 1:
-        matrix[0, 0] += stiffness * (0.5 * reach - h * gain[0, 0] / 12.0)
-    for i in range(count):
-        for a in range(i + 1, count):
-            factor = matrix[a, i] / matrix[i, i]
-            for b in range(i, count):
-                matrix[a, b] -= factor * matrix[i, b]
-            force[a] -= factor * force[i]
-    for i in range(count - 1, -1, -1):
-        for b in range(i + 1, count):
-            force[i] -= matrix[i, b] * force[b]
-        force[i] /= matrix[i, i]
+    _, _, gain, reach = acting
+    n_windows = lengths.shape[2]
+    for e in range(force.shape[1]):
+        s, w = e // n_windows, e % n_windows
+        h = lengths[law, k, w]
+        mass, damping, stiffness = impedance[law, 0, s], impedance[law, 1, s], impedance[law, 2, s]
+        bend = h / 12.0 if count == 1 else 0.0
+        for i in range(count):
+            z0, z1, v0, v1 = motion[0, i, e], motion[1, i, e], motion[2, i, e], motion[3, i, e]
+            force[i, e] = (
+                -mass * ((v1 - v0) / h - weight[law, i])
+                - 0.5 * damping * (v0 + v1)
+                - stiffness * (0.5 * (z0 + z1) - bend * (v1 - v0))
+            )
+            for a in range(count):
+                matrix[i, a] = (mass / h + 0.5 * damping) * gain[law, k, w, i, a]
+            matrix[i, i] += 1.0
+        if count == 1:
+            matrix[0, 0] += stiffness * (0.5 * reach[law, k, w] - h * gain[law, k, w, 0, 0] / 12.0)
+        for i in range(count):
+            for a in range(i + 1, count):
+                factor = matrix[a, i] / matrix[i, i]
+                for b in range(i, count):
+                    matrix[a, b] -= factor * matrix[i, b]
+                force[a, e] -= factor * force[i, e]
+        for i in range(count - 1, -1, -1):
+            for b in range(i + 1, count):
+                force[i, e] -= matrix[i, b] * force[b, e]
+            force[i, e] /= matrix[i, i]
 
 
 @in_any_order
-def _correct_port(own: Array, result: int, gain: Array, reach: Array, h: Array) -> None:  # pragma: no cover - compiled
+def _correct_port(
+    own: Array, result: int, acting: Acting, lengths: Array, law: int, k: int
+) -> None:  # pragma: no cover - compiled
     """Add a law's own effect to its port's mean motion."""
-    n_windows = len(h)
+    _, _, gain, reach = acting
+    n_windows = lengths.shape[2]
     for e in range(own.shape[1]):
         w = e % n_windows
         first = own[result, e]
-        own[AT_Z, e] += first * (0.5 * reach[w] - h[w] * gain[w] / 12.0)
-        own[AT_V, e] += 0.5 * gain[w] * first
+        own[AT_Z, e] += first * (0.5 * reach[law, k, w] - lengths[law, k, w] * gain[law, k, w, 0, 0] / 12.0)
+        own[AT_V, e] += 0.5 * gain[law, k, w, 0, 0] * first
 
 
 @in_any_order
-def _apply(force: Array, into: Array, out: Array, count: int) -> None:  # pragma: no cover - compiled
+def _apply(force: Array, into: Array, law: int, k: int, out: Array, count: int) -> None:  # pragma: no cover - compiled
     """Add a law's effect to states or readings.
 
-    The force has shape (n_sets, n_windows, n_lines).
+    The force has shape (n_lines, n_sets * n_windows).
     """
+    n_windows = out.shape[1]
     for s in range(out.shape[0]):
-        for w in range(out.shape[1]):
+        for w in range(n_windows):
             for i in range(count):
+                own = force[i, s * n_windows + w]
                 for a in range(out.shape[2]):
-                    out[s, w, a] += force[s, w, i] * into[i, w, a]
+                    out[s, w, a] += own * into[law, i, k, w, a]
 
 
 @in_any_order
-def _close_gap(x: Array, defect: Array, is_checked: bool) -> None:  # pragma: no cover - compiled
+def _close_gap(x: Array, defect: Array, k: int, is_checked: bool) -> None:  # pragma: no cover - compiled
     """Subtract the gap between motion and prediction.
 
     Diverged states are clipped where they are checked.
     """
     n_sets, n_windows, size = x.shape
     for s in range(n_sets):
+        of = min(s, defect.shape[1] - 1)
         for w in range(n_windows):
             for a in range(size):
-                x[s, w, a] -= defect[min(s, defect.shape[0] - 1), w, a]
+                x[s, w, a] -= defect[k, of, w, a]
                 if is_checked:
                     now = x[s, w, a]
                     x[s, w, a] = FAR if np.isnan(now) else min(max(now, -FAR), FAR)
@@ -272,11 +316,11 @@ def _close_gap(x: Array, defect: Array, is_checked: bool) -> None:  # pragma: no
 def _integrate(
     system: tuple[Array, Array, Array],
     steps: int,
-    paths: tuple[Array, Array, Array, Array],
-    acting: tuple[Array, Array, Array, Array],
+    paths: Paths,
+    acting: Acting,
     impedance: Array,
     kinds: Array,
-    clock: tuple[Array, Array, Array],
+    clock: Clock,
     graphs: ExpressionGraphs,
     results: Array,
     registers: Array,
@@ -284,64 +328,38 @@ def _integrate(
     states: Array,
     forces: Array,
 ) -> None:  # pragma: no cover - compiled
+    """Write the states; the functions of a step take whole arrays, since views cost more than their loops."""
     A, drive, defect = system
-    rows, at_z, at_v, weight = paths
-    into, seen, gain, reach = acting
-    lengths, times, commands = clock
+    into, seen, gain, _ = acting
     operations, bounds, firsts, stored, recalled = graphs
     n, n_sets, n_windows, _ = drive.shape
-    n_laws, lines = len(kinds), rows.shape[2]
-    free, force = np.empty_like(x), np.zeros((n_sets, n_windows, lines))
-    motion, matrix = np.zeros((4, lines)), np.zeros((lines, lines))
+    n_laws, lines, lanes = len(kinds), paths[0].shape[2], n_sets * n_windows
+    free, force = np.empty_like(x), np.zeros((lines, lanes))
+    motion, matrix = np.zeros((4, lines, lanes)), np.zeros((lines, lines))
     for k in range(n):
         states[k] = x
         for j in range(steps):
-            _step_freely(A[k], drive[k], x, free)
+            _step_freely(A, drive, k, x, free)
             for law in range(n_laws):
                 count, graph, twice = kinds[law]
-                own = registers[bounds[graph, 0] : bounds[graph + 1, 0]] if graph >= 0 else registers[:0]
-                for s in range(n_sets):
-                    for w in range(n_windows):
-                        h, e, ends = lengths[law, k, w], s * n_windows + w, slice(j, j + 2)
-                        _see_port(
-                            rows[law, ends, :count, k, w],
-                            at_z[law, ends, :count, k, w],
-                            at_v[law, ends, :count, k, w],
-                            x[s, w],
-                            free[s, w],
-                            motion,
-                        )
-                        if graph >= 0:  # means over the step, with trapezoidal end correction
-                            z0, z1, v0, v1 = motion[0, 0], motion[1, 0], motion[2, 0], motion[3, 0]
-                            own[AT_Z, e] = 0.5 * (z0 + z1) - h * (v1 - v0) / 12.0
-                            own[AT_V, e] = 0.5 * (v0 + v1)
-                            own[AT_T, e] = times[law, k, w] + (j + 0.5) * h
-                            own[AT_FREE, e], own[AT_COMMAND, e] = v1, commands[law, k, w]
-                            own[AT_MOBILITY, e], own[AT_H, e] = gain[law, k, w, 0, 0], h
-                        else:
-                            _solve_impedance(
-                                (impedance[law, 0, s], impedance[law, 1, s], impedance[law, 2, s]),
-                                motion,
-                                weight[law, :count],
-                                gain[law, k, w],
-                                reach[law, k, w],
-                                h,
-                                matrix,
-                                force[s, w],
-                            )
-                if graph >= 0:
+                _see_port(paths, law, k, j, count, x, free, motion)
+                if graph < 0:
+                    _solve_impedance(impedance, motion, paths[3], acting, clock[0], law, k, count, matrix, force)
+                else:
+                    own = registers[bounds[graph, 0] : bounds[graph + 1, 0]]
                     evaluated = operations[bounds[graph, 1] : bounds[graph + 1, 1]]
+                    _show_law(motion, clock, gain, law, k, j, own)
                     evaluate(evaluated, firsts[graph], own)
                     if twice:  # second evaluation, since stiff stops change their own motion
-                        _correct_port(own, results[graph], gain[law, k, :, 0, 0], reach[law, k], lengths[law, k])
+                        _correct_port(own, results[graph], acting, clock[0], law, k)
                         evaluate(evaluated, firsts[graph], own)
                     for i in range(bounds[graph, 2], bounds[graph + 1, 2]):
-                        own[recalled[i]] = own[stored[i]]
-                    for s in range(n_sets):
-                        for w in range(n_windows):
-                            force[s, w, 0] = own[results[graph], s * n_windows + w]
-                _apply(force, into[law, :, k], free, count)
+                        for e in range(lanes):
+                            own[recalled[i], e] = own[stored[i], e]
+                    for e in range(lanes):
+                        force[0, e] = own[results[graph], e]
+                _apply(force, into, law, k, free, count)
                 if j == 0 and forces.shape[0] > 0:
-                    _apply(force, seen[law, :, k], forces[k], count)
+                    _apply(force, seen, law, k, forces[k], count)
             x[:] = free
-        _close_gap(x, defect[k], k % CHECK_EVERY == 0)
+        _close_gap(x, defect, k, k % CHECK_EVERY == 0)
