@@ -26,6 +26,7 @@ FUNCTIONS = {
     "mj_fwdConstraint": (ADDRESS, ADDRESS),
     "mj_sensorPos": (ADDRESS, ADDRESS),
     "mj_sensorVel": (ADDRESS, ADDRESS),
+    "mj_inverse": (ADDRESS, ADDRESS),
     "mj_solveM": (ADDRESS, ADDRESS, ADDRESS, ADDRESS, types.int32),
     "mj_copyState": (ADDRESS, ADDRESS, ADDRESS, types.int32),
     "mj_integratePos": (ADDRESS, ADDRESS, ADDRESS, NUMBER),

@@ -8,11 +8,16 @@ import mujoco
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from vlab.compilation import compiled
 from vlab.diagnose.parameters.mjcf import Uncertain
 from vlab.diagnose.predictors.step_jacobian import Stepper
 from vlab.diagnose.predictors.trajectory import TimeVaryingSystem
 from vlab.diagnose.settings import TRAJECTORY_SCORE_TEST
+from vlab.plants.compiled_steps import IS_AVAILABLE, c_function
+from vlab.plants.contacts import contact_count, first_contacts_fit
 from vlab.signals import Array
+
+_mj_inverse, _mj_actuation = c_function("mj_inverse"), c_function("mj_fwdActuation")
 
 
 def changed_models(model: Any, parameter: Uncertain) -> list[Any]:
@@ -99,10 +104,41 @@ def _inverse(model: Any, q: Array, v: Array, a: Array, control: Array, act: Arra
     MuJoCo's inverse dynamics leave the actuators out; the feedback of servos belongs to the model.
     """
     data, out = mujoco.MjData(model), np.zeros(a.shape)
-    for k in range(len(out)):
+    first = 0
+    if IS_AVAILABLE and first_contacts_fit(model):
+        motion = tuple(np.ascontiguousarray(x) for x in (q, v, a, control, act))
+        views = (data.qpos, data.qvel, data.qacc, data.ctrl, data.act, data.qfrc_inverse, data.qfrc_actuator)
+        first = _inverse_until_contact((model._address, data._address), motion, views, contact_count(data), out)
+    for k in range(first, len(out)):
         data.qpos[:], data.qvel[:], data.qacc[:] = q[k], v[k], a[k]
         data.ctrl[:], data.act[:] = control[k], act[k]
         mujoco.mj_inverse(model, data)
         mujoco.mj_fwdActuation(model, data)
         out[k] = data.qfrc_inverse - data.qfrc_actuator
     return out
+
+
+@compiled(error_model="numpy")
+def _inverse_until_contact(
+    addresses: tuple[int, int],
+    motion: tuple[Array, ...],
+    views: tuple[Array, ...],
+    contacts: Array,
+    out: Array,
+) -> int:  # pragma: no cover - compiled
+    """Write missing forces up to the first contact, and return its sample or the number of samples.
+
+    The memory of many contacts has no bound, and MuJoCo ends the process where memory runs out in compiled code.
+    """
+    model, data = addresses
+    for k in range(len(out)):
+        for i in range(5):
+            for j in range(views[i].size):
+                views[i][j] = motion[i][k, j]
+        _mj_inverse(model, data)
+        if contacts[0] > 0:
+            return k
+        _mj_actuation(model, data)
+        for j in range(out.shape[1]):
+            out[k, j] = views[5][j] - views[6][j]
+    return len(out)
