@@ -17,6 +17,7 @@ from vlab.diagnose.inference.hypothesis_fits import (
     pairs_fitted,
     scored_by,
 )
+from vlab.diagnose.inference.model_choice import choose_model
 from vlab.diagnose.inference.prior_check import has_plausible_parameters
 from vlab.diagnose.inference.simulator_least_squares import SimulatorLeastSquares
 from vlab.diagnose.inference.trajectory_least_squares import TrajectoryLeastSquares
@@ -108,7 +109,7 @@ def search_moving(
     )  # fmt: skip
     hypotheses = best_of_labels(hypotheses) if is_enough else selection.extend(hypotheses)
     places = other_places(narrow, hypotheses[0], candidates, before.fit) if hypotheses else {}
-    return TimeFound(
+    found = TimeFound(
         problem=problem,
         screen=whole.moving,
         windows=narrow,
@@ -118,6 +119,26 @@ def search_moving(
         places=places,
         candidates=tuple(candidates),
     )
+    return _with_estimated_error(found, whole.moving, deadline)
+
+
+def _with_estimated_error(found: TimeFound, screen: TrajectoryScoreTest, deadline: Deadline) -> TimeFound:
+    """Return the result whose last fits allow the model error that the best hypothesis leaves.
+
+    The allowed model error is an upper bound, and the likelihood of a smaller one is larger while the normalised residual
+    is below one. Under too large an error the prior of the uncertain parameters weighs too much.
+    """
+    best = choose_model(found).best
+    fit, whole = best.long_fit, found.whole
+    left = best.normalised_residual
+    while left <= 1.0 and SELECTION.finer * whole.model_error >= PROBLEM.integration_error and not deadline.is_past:
+        finer = SimulatorLeastSquares(screen, model_error=SELECTION.finer * whole.model_error)
+        fit = finer.fit(best.terms, fit)
+        left = finer.residual_in_mujoco(fit)
+        whole = finer if left <= 1.0 else whole
+    if whole is found.whole:
+        return found
+    return replace(found, whole=SimulatorLeastSquares(screen, is_final=True, model_error=whole.model_error))
 
 
 def _about_the_best(
