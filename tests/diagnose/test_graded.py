@@ -160,6 +160,11 @@ def test_an_attempt_that_closes_the_gap_is_a_partial_explanation():
     assert is_partial_explanation(attempt, of, model_kind=kind)
     left = replace(attempt, checked=(replace(checked, after=0.3),))
     assert not is_partial_explanation(left, of, model_kind=kind)
+    # an effect whose size may be zero, however well the model with it predicts
+    gain = Term(effect=EFFECTS["servo-torque-constant"], place=PLACE, values={"gain": 0.2})
+    for spread, stands in ((0.1, True), (1e6, False)):
+        undetermined = replace(attempt, fit=fit_of(gain, **{f"{gain.label}:gain": spread}))
+        assert is_partial_explanation(undetermined, of, model_kind=kind) is stands
 
 
 def test_another_error_of_a_refuted_model_is_as_likely_as_its_effect():

@@ -19,8 +19,10 @@ from vlab.diagnose.inference.trajectory_score_test import TrajectoryScoreTest
 from vlab.diagnose.parameters.terms import Term
 from vlab.diagnose.predictors.trajectory_problem import prepare_trajectory
 from vlab.diagnose.search import trajectory_selection as searching
+from vlab.diagnose.search.deadline import NO_DEADLINE
 from vlab.diagnose.search.restoring_force import estimate_restoring_force
 from vlab.diagnose.search.trajectory_selection import search_moving
+from vlab.diagnose.settings import PROBLEM
 from vlab.physics.catalogue import EFFECTS
 
 SAMPLES = 220
@@ -223,6 +225,19 @@ def test_the_search_along_a_motion_finds_what_is_hidden(found):
         best, out.before
     )  # a refitted damper does as well, with a factor of six that nobody believes
     assert said == sorted(said)
+
+
+def test_last_fits_allow_no_more_model_error_than_is_left(found, screen):
+    """Noise of 0.1 % is all that is left, so the bound of 0.2 % is not used up."""
+    out, _ = found
+    assert PROBLEM.integration_error <= out.whole.model_error < PROBLEM.model_error
+    bound = SimulatorLeastSquares(out.whole.moving, model_error=PROBLEM.model_error)
+    terms, fit = out.hypotheses[0].terms, out.hypotheses[0].long_fit
+    name = f"{terms[0].label}:damping"
+    assert out.whole.fit(terms, fit).sd[name] < bound.fit(terms, fit).sd[name]
+    left = [replace(h, normalised_residual=1.01) for h in (out.before, *out.hypotheses)]
+    used_up = replace(out, whole=bound, before=left[0], hypotheses=tuple(left[1:]))
+    assert searching._with_estimated_error(used_up, out.whole.moving, NO_DEADLINE) is used_up
 
 
 def test_the_search_leaves_out_what_leaves_no_trace(found):

@@ -264,8 +264,9 @@ def is_partial_explanation(
 ) -> bool:
     """Return whether an attempt is a partial explanation.
 
-    Its effects generalise, and their families have more than half of the posterior of all fitted effects. Beside mesh error
-    they must explain more than they leave, since any effect absorbs a part of the errors of mesh, masses and stiffnesses.
+    Its effects are determined and generalise, and their families have more than half of the posterior of all fitted
+    effects. Beside mesh error they must explain more than they leave, since any effect absorbs a part of the errors of mesh,
+    masses and stiffnesses.
 
     Parameters
     ----------
@@ -291,7 +292,9 @@ def is_partial_explanation(
     else:
         is_closed = model_kind is not None and closes_gap(attempt.checked, model_kind=model_kind)
         explains = is_closed or explains_part(attempt.checked)
-    return is_held_out and explains and choice.given_predictions(errors or {}).share_of(families) > 0.5
+    return (
+        attempt.holds and is_held_out and explains and choice.given_predictions(errors or {}).share_of(families) > 0.5
+    )
 
 
 def _is_like_mesh_error(choice: Choice) -> bool:

@@ -203,7 +203,10 @@ def _see_port(
 def _show_law(
     motion: Array, clock: Clock, gain: Array, law: int, k: int, j: int, own: Array
 ) -> None:  # pragma: no cover - compiled
-    """Write a law's signals: means over the step, with trapezoidal end correction."""
+    """Write a law's signals.
+
+    Motions are means over the step, with trapezoidal end correction.
+    """
     lengths, times, commands = clock
     n_windows = lengths.shape[2]
     for e in range(own.shape[1]):
@@ -328,7 +331,10 @@ def _integrate(
     states: Array,
     forces: Array,
 ) -> None:  # pragma: no cover - compiled
-    """Write the states; the functions of a step take whole arrays, since views cost more than their loops."""
+    """Write the states at all samples.
+
+    The functions of a step take whole arrays, since views cost more than their loops.
+    """
     A, drive, defect = system
     into, seen, gain, _ = acting
     operations, bounds, firsts, stored, recalled = graphs
