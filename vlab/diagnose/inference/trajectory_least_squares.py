@@ -407,8 +407,8 @@ class TrajectoryLeastSquares(LeastSquares):
             ]
             series.append(pad_and_stack([np.moveaxis(change, 0, 1) for change in each]))
         change = np.stack(series, axis=-1)  # (n, n_runs, parts, n_sets)
-        forces = [moving.force_change(index, change[:, :, j]) for j in range(parts)]
-        mean, moved = over_intervals(moving.stack, forces)
+        forces = moving.force_changes(index, [change[:, :, j] for j in range(parts)])
+        mean, moved = over_intervals(moving.stack, *forces)
         mean = np.moveaxis(self._cut(mean), -1, 1)
         return mean, None if moved is None else np.moveaxis(self._cut(moved), -1, 1)
 

@@ -261,31 +261,31 @@ class TrajectoryScoreTest(ScoreTest):
         lag = self.stepper.lags.get(actuator)
         return change if lag is None else lag.of_change(change, self.stack.h[: len(change), :, None])
 
-    def force_change(self, actuator: int, change: Array, sizes: Any = 1.0) -> Array:
-        """Return the generalised forces of a command change, between the actuator's limits.
+    def force_changes(self, actuator: int, changes: Sequence[Array], sizes: Any = 1.0) -> tuple[Array, list[Array]]:
+        """Return the forces of command changes, between the actuator's limits.
 
         Parameters
         ----------
         actuator : int
             Index of the actuator.
-        change : (n, n_runs, k) array
-            Changes of the command.
+        changes : sequence of (n, n_runs, k) array
+            Changes of the command in the parts of every interval.
         sizes : float or (k,) array
             Multiples of the changes whose forces, over the multiple, count.
 
         Returns
         -------
-        (n, n_runs, nv, k) array
-            Changes of the generalised forces.
+        unit : (n, n_runs, nv) array
+            Generalised force of a unit force.
+        forces : list of (n, n_runs, k) array
+            Changes of the force.
         """
         limited = self._limited_along(actuator)
         if not limited:
-            return np.asarray(self.driven_force(actuator)[..., None] * self.acted(actuator, change)[..., None, :])
-        parts = [
-            own.change(run.u[:, actuator], change[: len(run), i] * sizes) / sizes
-            for i, (own, run) in enumerate(zip(limited, self.runs, strict=True))
-        ]
-        return pad_and_stack(parts)
+            return self.driven_force(actuator), [self.acted(actuator, change) for change in changes]
+        runs = [(own, i, run.u[:, actuator]) for i, (own, run) in enumerate(zip(limited, self.runs, strict=True))]
+        parts = [[own.change(u, c[: len(u), i] * sizes) / sizes for own, i, u in runs] for c in changes]
+        return pad_and_stack([own.moment for own in limited]), [pad_and_stack(part) for part in parts]
 
     def _limited_along(self, actuator: int) -> list[LimitedActuator]:
         """Return an actuator with limits along the runs, or nothing."""
@@ -439,7 +439,7 @@ class TrajectoryScoreTest(ScoreTest):
             parts, before = self.parts_of(i, effect), group.commands_before[:, i]
             follow = partial(commands_changed, effect, shape=shape, h=group.h / parts, before=before)
             each = changed_in_parts(follow, group.u[..., i], parts)
-            mean, moved = over_intervals(self.stack, [self.force_change(i, change, sizes) for change in each])
+            mean, moved = over_intervals(self.stack, *self.force_changes(i, list(each), sizes))
             total, moves = total + mean, moved if moves is None else moves + moved
         return total, moves
 

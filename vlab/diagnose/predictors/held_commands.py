@@ -70,27 +70,32 @@ def changed_in_parts(follow: Callable[[Array], Array], command: Array, parts: in
     return np.moveaxis(change.reshape(len(command), parts, *change.shape[1:]), 1, 0)
 
 
-def over_intervals(stack: SystemBatch, forces: Sequence[Array]) -> tuple[Array, Array | None]:
+def over_intervals(stack: SystemBatch, unit: Array, forces: Sequence[Array]) -> tuple[Array, Array | None]:
     """Return the mean force of parts, and the motion by their deviations.
 
     Parameters
     ----------
     stack : SystemBatch
         Linear time-varying system.
-    forces : sequence of (n, n_runs, nv, k) array
-        Generalised forces of every part.
+    unit : (n, n_runs, nv) array
+        Generalised force of a unit force.
+    forces : sequence of (n, n_runs, k) array
+        Forces of every part.
 
     Returns
     -------
     mean : (n, n_runs, nv, k) array
-        Means over the intervals.
+        Means of the generalised forces over the intervals.
     moved : (n, n_runs, 2 nv, k) array or None
         Changes of the state at the end of every interval; None for one part.
     """
-    if len(forces) == 1:
-        return forces[0], None
     mean = np.asarray(sum(forces) / len(forces))
-    moved = np.zeros((*mean.shape[:2], stack.fine_A.shape[2], mean.shape[3]))
-    for force in forces:
-        moved = stack.fine_A @ moved + stack.fine_G @ (force - mean)
-    return mean, moved
+    whole = unit[..., None] * mean[..., None, :]
+    if len(forces) == 1:
+        return whole, None
+    response = np.einsum("krab,krb->kra", stack.fine_G, unit)
+    moved = np.zeros((*response.shape, mean.shape[-1]))
+    for force in reversed(forces):
+        moved += response[..., None] * (force - mean)[..., None, :]
+        response = np.einsum("krab,krb->kra", stack.fine_A, response)
+    return whole, moved

@@ -41,7 +41,7 @@ class LimitedActuator:
     force: tuple[float, float]
 
     def change(self, u: Array, change: Array) -> Array:
-        """Return the generalised forces' change under a changed command.
+        """Return the force's change under a changed command.
 
         Parameters
         ----------
@@ -52,11 +52,10 @@ class LimitedActuator:
 
         Returns
         -------
-        (n, nv, k) array
-            Changes of the generalised forces.
+        (n, k) array
+            Changes of the force.
         """
-        both = self._force(u[:, None] + change) - self._force(u[:, None])
-        return np.asarray(self.moment[:, :, None] * both[:, None, :])
+        return self._force(u[:, None] + change) - self._force(u[:, None])
 
     def _force(self, u: Array) -> Array:
         control = np.clip(self.unit * u, *self.control)
