@@ -241,6 +241,9 @@ def test_what_priors_ask_for_is_needed_while_recordings_kept_aside_are_no_worse_
     alike = checked(0.00104, 0.00119, noise=0.00066)  # within the model error to which fits converge
     assert is_needed(choice(20.0, True), alike, model_kind=MjcfModel())
     assert not is_needed(choice(20.0, False), alike, model_kind=MjcfModel())
+    law = checked(0.0015, 0.0026, noise=0.0008)  # a law that acts a little otherwise than the parameter of the model
+    assert is_needed(choice(3.0, True), law, model_kind=MjcfModel())
+    assert not is_needed(choice(3.0, True), checked(0.0015, 0.0056, noise=0.0008), model_kind=MjcfModel())
     assert is_needed(choice(3.0, False), better, model_kind=MjcfModel())
     assert not is_needed(choice(3.0, False), same, model_kind=MjcfModel())
     assert not is_needed(

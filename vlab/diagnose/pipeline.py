@@ -418,8 +418,8 @@ class _Pass:
         problem, verdict, choice = searched.problem, judged.verdict, judged.choice.given_predictions(judged.errors)
         checked, after, fit = list(judged.tried.checked), judged.after, judged.fit
         findings: Sequence[Finding] = ()
-        is_aliased = choice.is_prior_driven and not has_plausible_parameters(judged.confirmed.before)
-        if verdict == "missing-physics" and is_aliased and not closes_gap(checked, model_kind=problem.model_kind):
+        is_aliased = choice.is_prior_driven and not closes_gap(checked, model_kind=problem.model_kind)
+        if verdict == "missing-physics" and is_aliased:  # implausible parameters explain as much
             checked = [c.against_nominal() for c in checked]
         if verdict in NAMING:
             findings = by_what_they_explain(judged.tried.findings, checked)

@@ -108,6 +108,9 @@ def is_needed(choice: Choice, checked: Sequence[Checked], *, model_kind: ModelKi
         before, after = (float(np.sqrt(max(e**2 - errors["noise"] ** 2, 0.0))) for e in (before, after))
     elif choice.is_prior_driven:  # fits cannot tell residuals within the model error of their weights
         before = float(np.hypot(before, PROBLEM.model_error))
+        beyond_noise = float(np.sqrt(max(after**2 - errors["noise"] ** 2, 0.0)))
+        if not model_kind.is_mismatch(beyond_noise, 0.0):  # both explain, and one with implausible parameters
+            return choice.gained > 0
     return choice.gained > 0 and (choice.is_prior_driven or no_gap) and after <= least * before
 
 

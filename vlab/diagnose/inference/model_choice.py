@@ -172,8 +172,9 @@ def gain_beyond(more: Hypothesis, less: Hypothesis) -> float:
     known = {t.label for t in less.terms}
     added = [t for t in more.terms if t.label not in known]
     count = sum(len(t.effect.parameters) for t in added)
-    is_linear = all(t.effect.is_linear or t.effect.traits.is_linear for t in added)
-    enough = (MODEL_CHOICE.of_linear if is_linear else MODEL_CHOICE.beyond_prior) + 2.0 * max(count - 1, 0)
+    # a nonlinear law may absorb errors of the model, but prior density beyond chance comes from none
+    is_plain = all(t.effect.is_linear or t.effect.traits.is_linear for t in added) or is_prior_driven(more, less)
+    enough = (MODEL_CHOICE.of_linear if is_plain else MODEL_CHOICE.beyond_prior) + 2.0 * max(count - 1, 0)
     enough += MODEL_CHOICE.of_pairs if len(added) > 1 else 0.0
     return more.score - less.score + more.complexity - less.complexity - enough
 
