@@ -1,5 +1,6 @@
 """Effects between command and force with memory: slew limits, delays, lags."""
 
+import math
 from collections import deque
 from typing import Any, ClassVar
 
@@ -205,7 +206,8 @@ class CoarseHold(ActuatorEffect):
         def step(u: float) -> float:
             nonlocal k, held
             k += 1
-            if self._taken(np.array([k]), period, h)[0] == k:
+            start = math.floor(k * h / period + 1e-9) * period  # as in `_taken`
+            if math.ceil(start / h - 1e-9) >= k:
                 held = u
             return held
 

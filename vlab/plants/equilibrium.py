@@ -16,7 +16,7 @@ SMALL [1]: degrees of freedom and constraints up to which a step counts once. A 
 in proportion to its cost."""
 
 
-def settle(model: Any) -> tuple[Array, list[str]]:
+def settle(model: Any, near: Array | None = None) -> tuple[Array, list[str]]:
     """Return the equilibrium configuration and notes.
 
     The search starts at the keyframe ``rest``, or else the first keyframe, or else ``qpos0``. If the forces do not
@@ -27,6 +27,8 @@ def settle(model: Any) -> tuple[Array, list[str]]:
     ----------
     model : object
         Compiled MuJoCo model.
+    near : (nq,) array or None
+        Equilibrium of a similar model, from which Newton's method is tried first.
 
     Returns
     -------
@@ -44,7 +46,11 @@ def settle(model: Any) -> tuple[Array, list[str]]:
            Transient Analysis, North-Holland, 1983, ch. 5.
     """
     with computable("the model where it starts"):
-        return _settled(Forces(model), model)
+        forces = Forces(model)
+        rest = None if near is None else _newton(forces, near)
+        if rest is not None and forces.is_balanced(rest):
+            return rest, []
+        return _settled(forces, model)
 
 
 def _settled(forces: "Forces", model: Any) -> tuple[Array, list[str]]:
@@ -57,10 +63,10 @@ def _settled(forces: "Forces", model: Any) -> tuple[Array, list[str]]:
     if np.abs(left).max() <= tolerance:
         return start, _free_motion(forces, start)
     rest = _newton(forces, _relax(forces, start))
-    left, tolerance = forces.left(rest)
-    if not np.abs(left).max() <= tolerance:
+    if not forces.is_balanced(rest):
+        left = np.abs(forces.left(rest)[0]).max()
         return start, [
-            f"no equilibrium was found (a force of {np.abs(left).max():.3g} is left over): the model falls or slides "
+            f"no equilibrium was found (a force of {left:.3g} is left over): the model falls or slides "
             "freely, or rests on contacts; it starts from its initial configuration and has no linearisation"
         ]
     moved = np.zeros(model.nv)
@@ -97,6 +103,11 @@ class Forces:
         mujoco.mj_forward(self.model, data)
         scale = np.abs(data.qfrc_bias).max() + np.abs(data.qfrc_passive).max()
         return np.array(data.qfrc_smooth + data.qfrc_constraint), 1e-6 * scale + 1e-9
+
+    def is_balanced(self, qpos: Array) -> bool:
+        """Return whether the residual forces are within their tolerance."""
+        left, tolerance = self.left(qpos)
+        return bool(np.abs(left).max() <= tolerance)
 
     def check_memory(self) -> None:
         """Refuse a model with omitted contacts or constraints.

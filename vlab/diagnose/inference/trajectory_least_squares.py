@@ -397,20 +397,22 @@ class TrajectoryLeastSquares(LeastSquares):
         """
         moving, h = self.moving, self.moving.runs[0].h
         parts = moving.parts_of(index, effect)
+        values = np.reshape([np.broadcast_to(v, n_sets) for v in given.values()], (len(given), n_sets))
+        distinct, which = np.unique(values, axis=1, return_inverse=True)  # most sets of a Jacobian share them
         series = []
-        for s in range(n_sets):
-            p = {name: float(v[s]) for name, v in given.items()}
+        for own in distinct.T:
+            p = dict(zip(given, own.tolist(), strict=True))
             each = [
                 changed_in_parts(partial(_changed, effect, p, h / parts, before), run.u[:, index], parts)
                 for run in moving.runs
                 for before in [float(run.command_before[index])]
             ]
             series.append(pad_and_stack([np.moveaxis(change, 0, 1) for change in each]))
-        change = np.stack(series, axis=-1)  # (n, n_runs, parts, n_sets)
+        change = np.stack(series, axis=-1)  # (n, n_runs, parts, n_distinct)
         forces = moving.force_changes(index, [change[:, :, j] for j in range(parts)])
         mean, moved = over_intervals(moving.stack, *forces)
-        mean = np.moveaxis(self._cut(mean), -1, 1)
-        return mean, None if moved is None else np.moveaxis(self._cut(moved), -1, 1)
+        mean = np.moveaxis(self._cut(mean), -1, 1)[:, which]
+        return mean, None if moved is None else np.moveaxis(self._cut(moved), -1, 1)[:, which]
 
     def _sense(
         self,

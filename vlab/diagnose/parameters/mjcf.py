@@ -440,7 +440,7 @@ def with_model(plant: Plant, model: Any) -> Plant:
     """
     mujoco.mj_setConst(model, mujoco.MjData(model))
     if isinstance(plant, MjcfPlant):
-        rest, notes = settle(model)
+        rest, notes = settle(model, near=plant.rest)
         return replace(plant, model=model, rest=rest, notes=tuple(notes))
     return replace(plant, model=model)
 
