@@ -265,3 +265,14 @@ def test_a_law_in_all_joints_is_chosen_though_no_smaller_set_leads_to_it():
     assert len(chosen(before, mixed, pair, one)) == 6
     useless = hypothesis(32.9, *["coulomb-friction"] * 6, force=1.0)  # further joints must pay
     assert len(chosen(before, pair, useless, one)) < 6
+
+
+def test_a_law_in_all_drives_stands_beside_two_other_effects():
+    """Weak servos look like a mass and a lag. The law has more parameters, and its prior density is larger by 14 nat."""
+    drives = hypothesis(1.1, *["servo-position-gain"] * 6, gain=-0.3, negative_log_prior=8.0)
+    pair = hypothesis(1.2, "added-mass", "actuator-lag", negative_log_prior=22.0)
+    one = hypothesis(2.0, "added-mass", negative_log_prior=24.0)
+    before = hypothesis(2.7, negative_log_prior=35.0)
+    assert chosen(before, drives, pair, one) == ["servo-position-gain"] * 6
+    unlikely = hypothesis(1.1, *["servo-position-gain"] * 6, gain=-0.3, negative_log_prior=24.0)
+    assert chosen(before, unlikely, pair, one) == ["added-mass", "actuator-lag"]

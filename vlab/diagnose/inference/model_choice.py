@@ -248,13 +248,14 @@ def choose_model(found: Found) -> Choice:
 def _with_one_law(found: Found, best: Hypothesis) -> Hypothesis:
     """Return laws of one family at many locations, where the laws pay.
 
-    No hypothesis with one effect less leads to such laws. Their forms may differ, as friction with and without a smooth
-    transition does.
+    No hypothesis with one effect less leads to such laws, and the best one may consist of other effects. Both count from
+    the calibrated model. The forms of the laws may differ, as friction with and without a smooth transition does.
     """
     laws = [
         h for h in found.hypotheses if len(h.terms) > len(best.terms) and len({t.effect.family for t in h.terms}) == 1
     ]
-    if not laws or gain_beyond(laws[0], best) <= 0.0:
+    gained = 0.0 if best is found.before else max(gain_beyond(best, found.before), 0.0)
+    if not laws or gain_beyond(laws[0], found.before) <= gained:
         return best
     return _with_more_effects(found, laws[0])
 

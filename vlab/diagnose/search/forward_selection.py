@@ -210,9 +210,9 @@ def in_all_joints(
 def laws_in_all_joints(candidates: Sequence[Candidate]) -> list[list[Candidate]]:
     """Return the laws of the largest gains over all joints.
 
-    The score test of a law is approximate. So the best law of every family that gains evidence is included, within
-    `MODEL_CHOICE.alike` of the best of all. Its other forms that gain as much and the plainest form of the family join
-    it. Every parameter costs what it costs in the evidence.
+    The sum of a law's score tests is approximate: it has no correlation between the joints. So the best law of every
+    family is included that gains `MODEL_CHOICE.explained` of the best of all. Its other forms that gain as much and the
+    plainest form of the family join it. Every parameter costs what it costs in the evidence.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def laws_in_all_joints(candidates: Sequence[Candidate]) -> list[list[Candidate]]
     if not found:
         return []
     largest = max(_gain_of_law(law) for law in found)
-    least = min(max(largest - MODEL_CHOICE.alike, 0.0), largest)
+    least = min(max(MODEL_CHOICE.explained * largest, 0.0), largest)
     families: dict[str, list[list[Candidate]]] = {}
     for law in sorted(found, key=lambda law: -_gain_of_law(law)):
         families.setdefault(law[0].effect.family, []).append(law)
