@@ -56,6 +56,14 @@ def test_a_range_that_is_reached_seldom_is_told_by_ends_that_agree():
     assert stop.beyond > DATA_FINDINGS.beyond  # but no smooth top is as long between ends as fast
 
 
+def test_a_pause_at_the_farthest_pose_is_no_limit_where_a_holdout_goes_farther():
+    paused = run_of(TIME, {"a": np.clip(motion() + 0.4, -2.0, 1.0)})
+    assert [stop.limit for stop in sensor_limits([paused])] == [1.0]
+    farther, nearer = (run_of(TIME, {"a": scale * motion(1), "b": motion(2)}, name="holdout") for scale in (1.0, 0.5))
+    assert sensor_limits([paused], [farther]) == ()
+    assert [stop.limit for stop in sensor_limits([paused], [nearer])] == [1.0]
+
+
 def test_a_coarse_reading_of_a_smooth_top_would_have_gone_no_further():
     smooth = np.sin(2 * np.pi * 0.4 * TIME)
     coarse = 0.05 * np.round(smooth / 0.05)

@@ -1,11 +1,13 @@
 """Findings from the data alone: limits, quantisation, interference, data quality, offsets."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from vlab.cases.channel_map import Run
 from vlab.cases.initial_state import joint_of
 from vlab.diagnose.data.command_limit import CommandLimit, find_limit
 from vlab.diagnose.data.mains_interference import MainsInterference
@@ -115,7 +117,7 @@ class DataFindings:
         ]
 
 
-def look_at_data(problem: Problem, damage: DataQuality) -> DataFindings:
+def look_at_data(problem: Problem, damage: DataQuality, held_out: Sequence[Run] = ()) -> DataFindings:
     """Examine the fitted recordings without their model.
 
     Only commands of a control law are replayed.
@@ -126,6 +128,8 @@ def look_at_data(problem: Problem, damage: DataQuality) -> DataFindings:
         Problem with the recordings.
     damage : DataQuality
         Data quality.
+    held_out : sequence of Run
+        Hold-out recordings; a sensor's range limit holds in them, too.
 
     Returns
     -------
@@ -144,7 +148,7 @@ def look_at_data(problem: Problem, damage: DataQuality) -> DataFindings:
         (big if matters else small).append(interference)
     stops = tuple(
         stop
-        for stop in sensor_limits(runs)
+        for stop in sensor_limits(runs, held_out)
         if stop.share > DATA_FINDINGS.benign_stop
         or stop.tops >= DATA_FINDINGS.same_tops
         or stop.beyond > DATA_FINDINGS.beyond

@@ -299,7 +299,7 @@ class _Pass:
         problem = model_class.problem
         check_candidates(self.effects, problem.places)
         holdout = read_holdout(problem.case, problem.names, problem.runs)
-        seen = look_at_data(problem, assess_quality([*problem.runs, *holdout.runs], problem.runs, file))
+        seen = look_at_data(problem, assess_quality([*problem.runs, *holdout.runs], problem.runs, file), holdout.runs)
         effects = [] if seen.damage.fatal else self.effects
         is_noise = partial(leaves_noise, problem, seen, holdout.runs, ExtendedModel(plant=self.whole_case.plant))
         limits = Limits(deadline=self.deadline, is_noise=is_noise)

@@ -116,13 +116,17 @@ def _first_gap(time: Array) -> float:
     return float(time[np.argmax(np.diff(time) > long_step(time))])
 
 
-def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
+def sensor_limits(runs: Sequence[Run], held_out: Sequence[Run] = ()) -> tuple[SensorLimit, ...]:
     """Identify range limits of sensors, common to all runs.
+
+    A machine that pauses at its farthest pose looks like a limit, until it goes farther.
 
     Parameters
     ----------
     runs : sequence of Run
         Recordings.
+    held_out : sequence of Run
+        Hold-out recordings, which refute a limit that they exceed.
 
     Returns
     -------
@@ -139,7 +143,9 @@ def sensor_limits(runs: Sequence[Run]) -> tuple[SensorLimit, ...]:
         counts = np.array([np.count_nonzero(at) for _, at in tops])
         limit = float(sizes.max())
         at_limit = counts[sizes >= QUALITY.same_limit * limit].sum()
-        largest = max(float(np.abs(run.measured[channel]).max()) for run in runs)
+        others = [run.measured for run in held_out if channel in run.measured.names]
+        read = [*(run.measured[channel] for run in runs), *(m[channel][m.is_read(channel)] for m in others)]
+        largest = max(float(np.abs(values).max(initial=0.0)) for values in read)
         # no sample exceeds a range limit; coarse quantisation is flat at the top of a small motion as well
         if at_limit >= QUALITY.most_at_limit * counts.sum() and largest <= QUALITY.over_limit * limit:
             reached = [np.abs(run.measured[channel]) >= limit * (1 - 1e-9) for run in runs]
