@@ -59,11 +59,6 @@ class SimulatorLeastSquares(TrajectoryLeastSquares):
         self._compare_with(self.recorded)
         best = super().fit(terms, start, iterations, thetas, tolerance)
         left, bias = self._missed(best)
-        if start is not None and not self._explains(left):  # with wrong derivatives the linear system leads away
-            stays = super().fit(terms, start, 0, tolerance=tolerance)
-            missed, more = self._missed(stays)
-            if missed < left:
-                best, left, bias = stays, missed, more
         for _ in range(SIMULATOR_FIT.corrections):
             if bias is None:
                 break

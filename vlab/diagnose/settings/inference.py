@@ -328,9 +328,9 @@ class SensorOffsetSettings:
 class SimulatorFitSettings:
     """Settings of `vlab.diagnose.inference.simulator_least_squares`."""
 
-    corrections: int = 8
-    """corrections [1]: most corrections of the fit by MuJoCo's own run, at least 0; default untested. They end by themselves
-    where they improve little. Raising it follows slower convergence."""
+    corrections: int = 2
+    """corrections [1]: corrections of the fit by MuJoCo's own run, at least 0; default untested. Raising it costs time.
+    """
     steps: int = 5
     """steps [1]: iterations after each correction, at least 1; default untested. Raising it costs time."""
     enough: float = 0.97
