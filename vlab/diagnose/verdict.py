@@ -406,7 +406,8 @@ def decide_verdict(
     if _is_shown_within_model_error(choice, checked, model_kind=model_kind):
         return "partly-explained"
     follow = partial(follows, model_kind=model_kind, is_plausible=is_plausible)
-    if follow(checked) and follow(fitted()):
+    is_predicted = choice.gained > 0 and unexplained and _predicts_better(checked)  # no effect predicts noise
+    if follow(checked) and follow(fitted()) and not is_predicted:
         return "nothing-missing"
     if not seen.damage.warnings:
         return "none-of-these"

@@ -1,9 +1,10 @@
 """Limits of a search: time, number of effects, noise."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.inference.model_choice import gain_beyond
 from vlab.diagnose.parameters.terms import Fit
 from vlab.diagnose.search.deadline import NO_DEADLINE, Deadline
 
@@ -30,15 +31,18 @@ class Limits:
     is_single: bool = False
     is_noise: Callable[[Fit], bool] = _never
 
-    def forbid_more(self, before: Hypothesis, enough: float) -> bool:
+    def forbid_more(self, before: Hypothesis, singles: Sequence[Hypothesis], enough: float) -> bool:
         """Return whether no effects are added to single ones.
 
-        Beside a residual of noise, nothing is missing but perhaps one effect within the model error.
+        Beside a residual of noise, nothing is missing but perhaps one effect within the model error. No effect explains
+        noise, so an effect beyond chance shows that the residual is more.
 
         Parameters
         ----------
         before : Hypothesis
             Calibrated model.
+        singles : sequence of Hypothesis
+            Single effects, best first.
         enough : float
             Normalised residual that needs no further effect.
 
@@ -49,7 +53,8 @@ class Limits:
         """
         if self.is_single or self.deadline.is_past:
             return True
-        return before.normalised_residual > enough and self.is_noise(before.long_fit)
+        is_beyond_chance = bool(singles) and gain_beyond(singles[0], before) > 0.0
+        return before.normalised_residual > enough and not is_beyond_chance and self.is_noise(before.long_fit)
 
 
 NO_LIMITS = Limits()

@@ -80,7 +80,7 @@ def search_moving(
     screen.forget()
     report(0.5, "fitting single effects")
     hypotheses = singles = finished(narrow, each_fitted(narrow, shortlist, before.fit))
-    is_enough = limits.forbid_more(before, HYPOTHESIS_FITS.enough) if singles else limits.is_single
+    is_enough = limits.forbid_more(before, singles, HYPOTHESIS_FITS.enough) if singles else limits.is_single
     if _leave_much(hypotheses) and not is_enough:
         report(0.6, "fitting laws in all joints")
         everywhere = in_all_joints(candidates, lambda terms, start: fitted(narrow, terms, start), before.fit)
