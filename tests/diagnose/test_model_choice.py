@@ -10,6 +10,7 @@ from vlab.diagnose.advice import next_measurement
 from vlab.diagnose.inference.evidence import Found, Hypothesis, effective_sample_size, scored, weighed
 from vlab.diagnose.inference.model_choice import choose_model, is_plausible_alone, is_prior_driven
 from vlab.diagnose.parameters.terms import Fit, Term
+from vlab.diagnose.search.limits import Limits
 from vlab.diagnose.search.second_effect import violate_priors
 from vlab.diagnose.settings import EVIDENCE, MODEL_CHOICE, SECOND_EFFECT
 from vlab.physics.catalogue import EFFECTS
@@ -276,3 +277,12 @@ def test_a_law_in_all_drives_stands_beside_two_other_effects():
     assert chosen(before, drives, pair, one) == ["servo-position-gain"] * 6
     unlikely = hypothesis(1.1, *["servo-position-gain"] * 6, gain=-0.3, negative_log_prior=24.0)
     assert chosen(before, unlikely, pair, one) == ["added-mass", "actuator-lag"]
+
+
+def test_noise_ends_a_search_only_where_no_effect_explains_it():
+    before, limits = hypothesis(5.5), Limits(is_noise=lambda fit: True)
+    useless, found = hypothesis(5.4, "servo-error-dead-zone"), hypothesis(3.9, "servo-error-dead-zone")
+    assert limits.forbid_more(before, [useless], 1.3)
+    assert not limits.forbid_more(before, [found, useless], 1.3)
+    assert not Limits().forbid_more(before, [useless], 1.3)
+    assert Limits(is_single=True).forbid_more(before, [found], 1.3)

@@ -126,28 +126,6 @@ def checked(before, after, noise=0.01):
     return [one, dataclasses.replace(one, name="other")]
 
 
-@pytest.mark.parametrize(("gained", "is_better", "verdict"), [
-    (30.0, True, "none-of-these"), (30.0, False, "nothing-missing"), (-1.0, True, "nothing-missing"),
-])  # fmt: skip
-def test_no_effect_predicts_noise(gained, is_better, verdict):
-    """Incoherent noise of 5 % is left. An effect that predicts every block of the hold-out better refutes the noise."""
-
-    class Incoherent(Checked):
-        incoherent = 0.05
-
-    (one, _) = checked(0.05, 0.045)
-    one = Incoherent(**{f.name: getattr(one, f.name) for f in dataclasses.fields(one)})
-    one = dataclasses.replace(one, log_ratios=np.linspace(0.1, 0.3, 12) * (1.0 if is_better else -1.0))
-    seen = SimpleNamespace(
-        damage=SimpleNamespace(fatal=(), warnings=()), is_missing=False, steps=(), stops=(), limit=None
-    )
-    term = SimpleNamespace(effect=EFFECTS["coulomb-friction"])
-    choice = SimpleNamespace(
-        gained=gained, is_prior_driven=False, best=SimpleNamespace(terms=(term,), normalised_residual=2.0)
-    )
-    assert decide_verdict(choice, [one], seen, model_kind=MjcfModel()) == verdict
-
-
 @pytest.mark.parametrize("has_bursts", [False, True])
 def test_a_residual_with_bursts_is_not_said_to_be_noise_alone(has_bursts):
     rng, t = np.random.default_rng(3), 0.01 * np.arange(3000)

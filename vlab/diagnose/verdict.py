@@ -406,8 +406,7 @@ def decide_verdict(
     if _is_shown_within_model_error(choice, checked, model_kind=model_kind):
         return "partly-explained"
     follow = partial(follows, model_kind=model_kind, is_plausible=is_plausible)
-    is_predicted = choice.gained > 0 and unexplained and _predicts_better(checked)  # no effect predicts noise
-    if follow(checked) and follow(fitted()) and not is_predicted:
+    if follow(checked) and follow(fitted()):
         return "nothing-missing"
     if not seen.damage.warnings:
         return "none-of-these"
