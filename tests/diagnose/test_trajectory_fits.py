@@ -235,9 +235,10 @@ def test_last_fits_allow_no_more_model_error_than_is_left(found, screen):
     terms, fit = out.hypotheses[0].terms, out.hypotheses[0].long_fit
     name = f"{terms[0].label}:damping"
     assert out.whole.fit(terms, fit).sd[name] < bound.fit(terms, fit).sd[name]
-    left = [replace(h, normalised_residual=1.01) for h in (out.before, *out.hypotheses)]
-    used_up = replace(out, whole=bound, before=left[0], hypotheses=tuple(left[1:]))
-    assert searching._with_estimated_error(used_up, out.whole.moving, NO_DEADLINE) is used_up
+    for left in (1.01, out.hypotheses[0].normalised_residual):
+        best = replace(out.hypotheses[0], normalised_residual=left)
+        error = searching._estimated_error(bound, best, NO_DEADLINE)
+        assert error == (PROBLEM.model_error if left > 1.0 else out.whole.model_error)
 
 
 def test_the_search_leaves_out_what_leaves_no_trace(found):

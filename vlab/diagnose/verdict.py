@@ -103,13 +103,13 @@ def is_needed(choice: Choice, checked: Sequence[Checked], *, model_kind: ModelKi
     no_gap = gap_closed(errors["before"], errors["after"], errors["noise"]) is None
     least = GAP.no_worse if choice.is_prior_driven else VERDICT.better
     before, after = errors["before"], errors["after"]
+    beyond_noise = [float(np.sqrt(max(e**2 - errors["noise"] ** 2, 0.0))) for e in (before, after)]
     if model_kind.has_mesh_error:  # mesh error biases the parameters, so implausible values prove little
         no_gap, least = no_gap or not model_kind.is_mismatch(errors["before"], errors["noise"]), VERDICT.better_of_mesh
-        before, after = (float(np.sqrt(max(e**2 - errors["noise"] ** 2, 0.0))) for e in (before, after))
+        before, after = beyond_noise
     elif choice.is_prior_driven:  # fits cannot tell residuals within the model error of their weights
         before = float(np.hypot(before, PROBLEM.model_error))
-        beyond_noise = float(np.sqrt(max(after**2 - errors["noise"] ** 2, 0.0)))
-        if not model_kind.is_mismatch(beyond_noise, 0.0):  # both explain, and one with implausible parameters
+        if not model_kind.is_mismatch(beyond_noise[1], 0.0):  # both explain, and one with implausible parameters
             return choice.gained > 0
     return choice.gained > 0 and (choice.is_prior_driven or no_gap) and after <= least * before
 

@@ -1,7 +1,7 @@
 """Effects between command and force with memory: slew limits, delays, lags."""
 
-import math
 from collections import deque
+from itertools import chain, count
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,6 +17,8 @@ SETTLED = 8.0
 SAME_CLOCK = 0.02
 """SAME_CLOCK [1]: relative distance within which a period counts as a whole number of samples. Slower clocks are
 divided from faster ones. Without rounding, the last digit of the period would change which samples are held."""
+BLOCK = 1024
+"""BLOCK [samples]: samples whose clock is computed at once; the value changes no result."""
 
 
 class SlewLimit(ActuatorEffect):
@@ -201,13 +203,13 @@ class CoarseHold(ActuatorEffect):
 
     def stepper(self, p: Values, h: float) -> ActuatorStep:
         """See `ActuatorEffect`."""
-        period, k, held = self._clock(float(p["period"]), h), -1, 0.0
+        period, held = self._clock(float(p["period"]), h), 0.0
+        blocks = (np.arange(first, first + BLOCK) for first in count(0, BLOCK))
+        is_taken = chain.from_iterable((self._taken(k, period, h) == k).tolist() for k in blocks)
 
         def step(u: float) -> float:
-            nonlocal k, held
-            k += 1
-            start = math.floor(k * h / period + 1e-9) * period  # as in `_taken`
-            if math.ceil(start / h - 1e-9) >= k:
+            nonlocal held
+            if next(is_taken):
                 held = u
             return held
 

@@ -47,8 +47,7 @@ def settle(model: Any, near: Array | None = None) -> tuple[Array, list[str]]:
     """
     with computable("the model where it starts"):
         forces = Forces(model)
-        rest = None if near is None else _newton(forces, near)
-        if rest is not None and forces.is_balanced(rest):
+        if near is not None and forces.is_balanced(rest := _newton(forces, near)):
             return rest, []
         return _settled(forces, model)
 

@@ -143,9 +143,8 @@ def sensor_limits(runs: Sequence[Run], held_out: Sequence[Run] = ()) -> tuple[Se
         counts = np.array([np.count_nonzero(at) for _, at in tops])
         limit = float(sizes.max())
         at_limit = counts[sizes >= QUALITY.same_limit * limit].sum()
-        others = [run.measured for run in held_out if channel in run.measured.names]
-        read = [*(run.measured[channel] for run in runs), *(m[channel][m.is_read(channel)] for m in others)]
-        largest = max(float(np.abs(values).max(initial=0.0)) for values in read)
+        measured = [run.measured for run in (*runs, *held_out) if channel in run.measured.names]
+        largest = max(float(np.abs(m[channel][m.is_read(channel)]).max(initial=0.0)) for m in measured)
         # no sample exceeds a range limit; coarse quantisation is flat at the top of a small motion as well
         if at_limit >= QUALITY.most_at_limit * counts.sum() and largest <= QUALITY.over_limit * limit:
             reached = [np.abs(run.measured[channel]) >= limit * (1 - 1e-9) for run in runs]

@@ -128,7 +128,8 @@ def _inverse_until_contact(
 ) -> int:  # pragma: no cover - compiled
     """Write missing forces up to the first contact.
 
-    The sample of the contact is returned, or the number of samples. The memory of many contacts has no bound, and MuJoCo ends the process where memory runs out in compiled code.
+    The sample of the contact is returned, or the number of samples. The memory of many contacts has no bound, and MuJoCo
+    ends the process where memory runs out in compiled code.
     """
     model, data = addresses
     for k in range(len(out)):

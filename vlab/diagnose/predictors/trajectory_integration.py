@@ -336,10 +336,10 @@ def _integrate(
     The functions of a step take whole arrays, since views cost more than their loops.
     """
     A, drive, defect = system
-    into, seen, gain, _ = acting
+    (rows, _, _, weight), (into, seen, gain, _) = paths, acting
     operations, bounds, firsts, stored, recalled = graphs
     n, n_sets, n_windows, _ = drive.shape
-    n_laws, lines, lanes = len(kinds), paths[0].shape[2], n_sets * n_windows
+    n_laws, lines, lanes = len(kinds), rows.shape[2], n_sets * n_windows
     free, force = np.empty_like(x), np.zeros((lines, lanes))
     motion, matrix = np.zeros((4, lines, lanes)), np.zeros((lines, lines))
     for k in range(n):
@@ -350,7 +350,7 @@ def _integrate(
                 count, graph, twice = kinds[law]
                 _see_port(paths, law, k, j, count, x, free, motion)
                 if graph < 0:
-                    _solve_impedance(impedance, motion, paths[3], acting, clock[0], law, k, count, matrix, force)
+                    _solve_impedance(impedance, motion, weight, acting, clock[0], law, k, count, matrix, force)
                 else:
                     own = registers[bounds[graph, 0] : bounds[graph + 1, 0]]
                     evaluated = operations[bounds[graph, 1] : bounds[graph + 1, 1]]

@@ -343,7 +343,8 @@ def best_attempt(
 def _errors_where_they_act(attempts: Sequence[Attempt]) -> dict[frozenset[str], float]:
     """Return the errors of attempts on the same recordings.
 
-    The error is infinite where data refute an attempt. Attempts that act in no recording have no entry. A recording counts if all others are tried on it, and one acts there.
+    The error is infinite where data refute an attempt. Attempts that act in no recording have no entry. A recording counts
+    if all others are tried on it, and one acts there.
     """
     acting = [attempt for attempt in attempts if any(not c.is_idle for c in attempt.checked)]
     if not acting:

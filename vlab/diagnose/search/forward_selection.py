@@ -235,7 +235,7 @@ def laws_in_all_joints(candidates: Sequence[Candidate]) -> list[list[Candidate]]
     if not found:
         return []
     largest = max(_gain_of_law(law) for law in found)
-    least = min(max(MODEL_CHOICE.explained * largest, 0.0), largest)
+    least = min(MODEL_CHOICE.explained * largest, largest)
     families: dict[str, list[list[Candidate]]] = {}
     for law in sorted(found, key=lambda law: -_gain_of_law(law)):
         families.setdefault(law[0].effect.family, []).append(law)

@@ -42,7 +42,7 @@ class Limits:
         before : Hypothesis
             Calibrated model.
         singles : sequence of Hypothesis
-            Single effects, best first.
+            Single effects, best first; none of them forbids nothing.
         enough : float
             Normalised residual that needs no further effect.
 
@@ -51,10 +51,12 @@ class Limits:
         bool
             Whether the search ends with single effects.
         """
-        if self.is_single or self.deadline.is_past:
+        if self.is_single or not singles:
+            return self.is_single
+        if self.deadline.is_past:
             return True
-        is_beyond_chance = bool(singles) and gain_beyond(singles[0], before) > 0.0
-        return before.normalised_residual > enough and not is_beyond_chance and self.is_noise(before.long_fit)
+        may_be_noise = before.normalised_residual > enough and gain_beyond(singles[0], before) <= 0.0
+        return may_be_noise and self.is_noise(before.long_fit)
 
 
 NO_LIMITS = Limits()

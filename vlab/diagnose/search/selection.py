@@ -118,7 +118,7 @@ def search(
     )
     least = max(enough, HYPOTHESIS_FITS.enough)
     is_demanded = bool(singles) and (is_odd or demands_another_effect(before, singles, enough))
-    is_enough = limits.forbid_more(before, singles, least) if singles else limits.is_single
+    is_enough = limits.forbid_more(before, singles, least)
     if is_demanded and not is_enough:
         hypotheses = steps.with_pairs(shortlist, singles, is_odd=is_odd)
     report(0.9, "adding effects")

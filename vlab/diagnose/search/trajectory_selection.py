@@ -1,11 +1,11 @@
 """Search in time on the trajectory-linearised model class."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
 from vlab.diagnose.inference.calibration import calibrate
-from vlab.diagnose.inference.evidence import Hypothesis
+from vlab.diagnose.inference.evidence import Found, Hypothesis
 from vlab.diagnose.inference.hypothesis_fits import (
     by_score,
     each_fitted,
@@ -80,7 +80,7 @@ def search_moving(
     screen.forget()
     report(0.5, "fitting single effects")
     hypotheses = singles = finished(narrow, each_fitted(narrow, shortlist, before.fit))
-    is_enough = limits.forbid_more(before, singles, HYPOTHESIS_FITS.enough) if singles else limits.is_single
+    is_enough = limits.forbid_more(before, singles, HYPOTHESIS_FITS.enough)
     if _leave_much(hypotheses) and not is_enough:
         report(0.6, "fitting laws in all joints")
         everywhere = in_all_joints(candidates, lambda terms, start: fitted(narrow, terms, start), before.fit)
@@ -109,36 +109,42 @@ def search_moving(
     )  # fmt: skip
     hypotheses = best_of_labels(hypotheses) if is_enough else selection.extend(hypotheses)
     places = other_places(narrow, hypotheses[0], candidates, before.fit) if hypotheses else {}
-    found = TimeFound(
+    error = _estimated_error(whole, choose_model(Found(before=before, hypotheses=tuple(hypotheses))).best, deadline)
+    return TimeFound(
         problem=problem,
         screen=whole.moving,
         windows=narrow,
-        whole=SimulatorLeastSquares(whole.moving, is_final=True, model_error=whole.model_error),
+        whole=SimulatorLeastSquares(whole.moving, is_final=True, model_error=error),
         before=before,
         hypotheses=tuple(hypotheses),
         places=places,
         candidates=tuple(candidates),
     )
-    return _with_estimated_error(found, whole.moving, deadline)
 
 
-def _with_estimated_error(found: TimeFound, screen: TrajectoryScoreTest, deadline: Deadline) -> TimeFound:
-    """Return the result whose last fits allow the model error that the best hypothesis leaves.
+def _estimated_error(whole: TrajectoryLeastSquares, best: Hypothesis, deadline: Deadline) -> float:
+    """Return the model error that the best hypothesis leaves in MuJoCo.
 
     The allowed model error is an upper bound, and the likelihood of a smaller one is larger while the normalised residual
     is below one. Under too large an error the prior of the uncertain parameters weighs too much.
     """
-    best = choose_model(found).best
-    fit, whole = best.long_fit, found.whole
-    left = best.normalised_residual
-    while left <= 1.0 and SELECTION.finer * whole.model_error >= PROBLEM.integration_error and not deadline.is_past:
-        finer = SimulatorLeastSquares(screen, model_error=SELECTION.finer * whole.model_error)
-        fit = finer.fit(best.terms, fit)
-        left = finer.residual_in_mujoco(fit)
-        whole = finer if left <= 1.0 else whole
-    if whole is found.whole:
+    fit, found = best.long_fit, whole.model_error
+    if best.normalised_residual > 1.0:
         return found
-    return replace(found, whole=SimulatorLeastSquares(screen, is_final=True, model_error=whole.model_error))
+    for model_error in _smaller_errors(found, deadline):
+        finer = SimulatorLeastSquares(whole.moving, model_error=model_error)
+        fit = finer.fit(best.terms, fit)
+        if finer.residual_in_mujoco(fit) > 1.0:
+            break
+        found = model_error
+    return found
+
+
+def _smaller_errors(model_error: float, deadline: Deadline) -> Iterator[float]:
+    """Return smaller model errors, down to the error of integration."""
+    while not deadline.is_past and SELECTION.finer * model_error >= PROBLEM.integration_error:
+        model_error *= SELECTION.finer
+        yield model_error
 
 
 def _about_the_best(
@@ -193,10 +199,7 @@ def _with_smaller_error(
     tuple
         The first four arguments, with the smallest error at which a hypothesis explains the recordings.
     """
-    while not deadline.is_past:
-        model_error = SELECTION.finer * whole.model_error
-        if model_error < PROBLEM.integration_error:
-            break
+    for model_error in _smaller_errors(whole.model_error, deadline):
         finer, fine = (
             TrajectoryLeastSquares(whole.moving, whole=is_whole, model_error=model_error) for is_whole in (False, True)
         )

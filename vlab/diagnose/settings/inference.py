@@ -193,7 +193,7 @@ class ModelChoiceSettings:
 
     explained: float = 0.5
     """explained [1]: share of the excess over the noise that an effect must remove, 0 to 1; default untested. Raising
-    it accepts fewer effects."""
+    it accepts fewer effects. Laws in all joints need the same share of the largest gain of such a law."""
     together: float = 0.75
     """together [1]: share of the excess that two effects must remove where neither alone suffices, 0 to 1; default
     untested. Raising it accepts fewer pairs."""
